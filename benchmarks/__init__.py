@@ -1,0 +1,1 @@
+"""Experiments: each module measures one thing, prints its table and writes its result as JSON."""

@@ -1,0 +1,1 @@
+"""One package per process; run one with ``python -m services.NAME``."""

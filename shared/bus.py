@@ -1,0 +1,322 @@
+"""The bus: typed publishers and inboxes over Eclipse Zenoh.
+
+No work happens in a Zenoh callback: it appends raw bytes to a bounded queue and the service decodes them in its own
+thread. Every message that does not reach its reader is counted by reason in ``atrium_bus_dropped_total``. Trace id and
+wall-clock stamps travel in the attachment, apart from the message, so that messages stay a pure function of the data.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import msgspec
+import structlog
+import zenoh
+import zenoh.ext
+from prometheus_client import Counter, Gauge
+
+from shared.messages import Message, MessageError, decode, encode
+
+__all__ = ["Bus", "BusError", "Delivery", "Inbox", "Publisher", "Trace", "router"]
+
+M = TypeVar("M", bound=Message)
+M_co = TypeVar("M_co", bound=Message, covariant=True)
+
+log = structlog.get_logger(__name__)
+
+RECEIVED = Counter("atrium_bus_received_total", "Messages handed to the service", ["kind"])
+PUBLISHED = Counter("atrium_bus_published_total", "Messages published", ["kind"])
+DROPPED = Counter("atrium_bus_dropped_total", "Messages that did not reach the service", ["kind", "reason"])
+CONNECTED = Gauge("atrium_bus_connected", "1 while a router is reachable")
+
+
+class BusError(RuntimeError):
+    """The bus could not be opened: the text names the endpoint and the reason."""
+
+
+class Trace(msgspec.Struct, frozen=True, array_like=True):
+    """What travels beside a message: who it is, when its origin was *received* here, when it was sent (wall clock)."""
+
+    id: str
+    origin: float
+    sent: float
+
+
+@dataclass(frozen=True, slots=True)
+class Delivery(Generic[M_co]):
+    """One message as it arrived."""
+
+    key: str
+    message: M_co
+    trace: Trace
+
+
+_trace_prefix = f"{os.getpid():x}-{time.time_ns() // 1000 % 2**32:x}"
+_trace_number = itertools.count(1)
+_encode_trace = msgspec.json.Encoder().encode
+_decode_trace = msgspec.json.Decoder(Trace).decode
+
+
+class Publisher(Generic[M]):
+    """Publishes messages of one type on one key."""
+
+    def __init__(self, put: Callable[..., None], kind: type[M]) -> None:
+        self._put = put
+        self._kind = kind
+        self._count = PUBLISHED.labels(kind.__name__)
+
+    def publish(self, message: M, origin: float | None = None) -> Trace:
+        """Send one message.
+
+        Args:
+            message: what to send.
+            origin: wall-clock time at which what this message is made from reached the system (now if omitted).
+
+        Returns:
+            The trace that travels with it.
+        """
+        now = time.time()
+        trace = Trace(f"{_trace_prefix}-{next(_trace_number)}", now if origin is None else origin, now)
+        self._put(encode(message), attachment=_encode_trace(trace))
+        self._count.inc()
+        return trace
+
+
+class Inbox:
+    """One bounded queue into which any number of subscriptions flow, in order of arrival.
+
+    ``newest=True`` subscriptions give way: when the queue is full their oldest message is dropped. When only reliable
+    messages are waiting, the oldest of those is dropped. Both are counted.
+    """
+
+    def __init__(self, bus: Bus, capacity: int) -> None:
+        self._bus = bus
+        self._capacity = capacity
+        self._waiting: deque[tuple[str, bytes, bytes | None, type[Message], bool]] = deque()
+        self._changed = threading.Condition()
+        self._problems: dict[tuple[str, str], int] = {}
+        self._last_report = time.monotonic()
+
+    def subscribe(self, key: str, kind: type[Message], *, newest: bool = False, cached: bool = False) -> None:
+        """Let messages of type ``kind`` on ``key`` (wildcards allowed) flow into this inbox.
+
+        Args:
+            key: a key expression from ``shared.keys``.
+            kind: the message type found there.
+            newest: these messages may be dropped for newer ones when the reader falls behind.
+            cached: also fetch what publishers of this key sent before this subscription began.
+        """
+
+        def arrive(sample: zenoh.Sample) -> None:
+            attachment = sample.attachment
+            entry = (
+                str(sample.key_expr),
+                sample.payload.to_bytes(),
+                None if attachment is None else attachment.to_bytes(),
+                kind,
+                newest,
+            )
+            with self._changed:
+                if len(self._waiting) >= self._capacity:
+                    self._make_room()
+                self._waiting.append(entry)
+                self._changed.notify()
+
+        self._bus._subscribe(key, arrive, cached)
+
+    def receive(self, timeout: float) -> list[Delivery[Message]]:
+        """Wait up to ``timeout`` seconds for messages and return all that wait, oldest first (possibly none)."""
+        with self._changed:
+            if not self._waiting:
+                self._changed.wait(timeout)
+            entries = list(self._waiting)
+            self._waiting.clear()
+        deliveries = [delivery for entry in entries if (delivery := self._open(entry)) is not None]
+        self._report()
+        return deliveries
+
+    def wake(self) -> None:
+        """Make a waiting ``receive`` return at once."""
+        with self._changed:
+            self._changed.notify_all()
+
+    def _make_room(self) -> None:
+        for index, entry in enumerate(self._waiting):
+            if entry[4]:
+                del self._waiting[index]
+                self._note(entry[3].__name__, "overtaken")
+                return
+        self._note(self._waiting.popleft()[3].__name__, "queue full")
+
+    def _open(self, entry: tuple[str, bytes, bytes | None, type[Message], bool]) -> Delivery[Message] | None:
+        key, payload, attachment, kind, _ = entry
+        try:
+            message = decode(payload, kind)
+            trace = Trace("", message.t, message.t) if attachment is None else _decode_trace(attachment)
+        except (MessageError, msgspec.DecodeError) as error:
+            self._note(kind.__name__, "not understood")
+            log.debug("message not understood", key=key, error=str(error))
+            return None
+        RECEIVED.labels(kind.__name__).inc()
+        return Delivery(key, message, trace)
+
+    def _note(self, kind: str, reason: str) -> None:
+        DROPPED.labels(kind, reason).inc()
+        self._problems[kind, reason] = self._problems.get((kind, reason), 0) + 1
+
+    def _report(self) -> None:
+        """Tell about dropped messages in the log, once a minute at most."""
+        if self._problems and time.monotonic() - self._last_report >= 60.0:
+            problems, self._problems = self._problems, {}
+            self._last_report = time.monotonic()
+            for (kind, reason), count in problems.items():
+                log.warning("messages dropped", kind=kind, reason=reason, count=count)
+
+
+class Bus:
+    """One process's connection to the bus. Zenoh reconnects by itself when its router comes back.
+
+    Args:
+        connect: router endpoints such as ``tcp/127.0.0.1:7447``.
+        wait: seconds to wait for a router at start; without one the bus opens anyway and connects when it can.
+
+    Raises:
+        BusError: an endpoint is malformed.
+    """
+
+    def __init__(self, connect: list[str]) -> None:
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps(connect))
+        # Keep trying for ever, from a tenth of a second up to a second apart: a router may start after its services.
+        config.insert_json5("connect/timeout_ms", "-1")
+        config.insert_json5("connect/exit_on_failure", "false")
+        config.insert_json5(
+            "connect/retry", '{"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}'
+        )
+        _common(config)
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            raise BusError(f"bus: cannot open a session to {', '.join(connect)}: {error}") from error
+        self._declared: list[Any] = []
+        CONNECTED.set_function(lambda: float(self.connected))
+
+    @property
+    def connected(self) -> bool:
+        """Whether a router is reachable now."""
+        return not self._session.is_closed() and bool(self._session.info.routers_zid())
+
+    def publisher(
+        self, key: str, kind: type[M], *, newest: bool = False, cached: bool = False, history: int = 1
+    ) -> Publisher[M]:
+        """Return a publisher of ``kind`` on ``key``.
+
+        Args:
+            key: from ``shared.keys``.
+            kind: the message type.
+            newest: drop rather than wait when the network is congested (sensor streams).
+            cached: keep the last ``history`` messages for subscribers that join later (state).
+            history: how many are kept.
+        """
+        congestion = zenoh.CongestionControl.DROP if newest else zenoh.CongestionControl.BLOCK
+        declared: Any
+        if cached:
+            declared = zenoh.ext.declare_advanced_publisher(
+                self._session,
+                key,
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+                congestion_control=congestion,
+                cache=zenoh.ext.CacheConfig(history),
+                publisher_detection=True,
+            )
+        else:
+            declared = self._session.declare_publisher(
+                key, encoding=zenoh.Encoding.APPLICATION_JSON, congestion_control=congestion, express=True
+            )
+        self._declared.append(declared)
+        return Publisher(declared.put, kind)
+
+    def inbox(self, capacity: int = 10_000) -> Inbox:
+        """Return a new inbox that holds at most ``capacity`` undelivered messages."""
+        return Inbox(self, capacity)
+
+    def announce(self, key: str) -> None:
+        """Hold a liveliness token: others see ``key`` exactly as long as this process lives."""
+        self._declared.append(self._session.liveliness().declare_token(key))
+
+    def present(self, key: str, timeout: float = 1.0) -> list[str]:
+        """Return the liveliness keys that match now."""
+        replies = self._session.liveliness().get(key, timeout=timeout)
+        return sorted(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
+
+    def answer(self, key: str, respond: Callable[[], bytes]) -> None:
+        """Answer queries on ``key`` with what ``respond`` returns; it is called in a Zenoh thread and must be quick."""
+
+        def reply(query: zenoh.Query) -> None:
+            with query:
+                query.reply(key, respond(), encoding=zenoh.Encoding.APPLICATION_JSON)
+
+        self._declared.append(self._session.declare_queryable(key, reply))
+
+    def ask(self, key: str, timeout: float = 5.0) -> Iterator[tuple[str, bytes]]:
+        """Yield (key, payload) of every answer to a query on ``key``."""
+        for reply in self._session.get(key, timeout=timeout):
+            if reply.ok is not None:
+                yield str(reply.ok.key_expr), reply.ok.payload.to_bytes()
+
+    def close(self) -> None:
+        """Leave the bus; tokens vanish at once."""
+        for declared in reversed(self._declared):
+            declared.undeclare()
+        self._declared.clear()
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def __enter__(self) -> Bus:
+        """Use the bus for the length of a block."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the bus."""
+        self.close()
+
+    def _subscribe(self, key: str, arrive: Callable[[zenoh.Sample], None], cached: bool) -> None:
+        declared: Any
+        if cached:
+            declared = zenoh.ext.declare_advanced_subscriber(
+                self._session, key, arrive, history=zenoh.ext.HistoryConfig(detect_late_publishers=True)
+            )
+        else:
+            declared = self._session.declare_subscriber(key, arrive)
+        self._declared.append(declared)
+
+
+def router(listen: str) -> zenoh.Session:
+    """Open a router inside this process, as the local launcher does; close the session to stop it.
+
+    Raises:
+        BusError: the endpoint cannot be listened on.
+    """
+    config = zenoh.Config()
+    config.insert_json5("mode", '"router"')
+    config.insert_json5("listen/endpoints", json.dumps([listen]))
+    config.insert_json5("listen/exit_on_failure", "true")
+    _common(config)
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise BusError(f"bus: cannot listen on {listen}: {error}") from error
+
+
+def _common(config: zenoh.Config) -> None:
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("scouting/gossip/enabled", "false")
+    config.insert_json5("timestamping/enabled", "true")  # caches order their samples by it

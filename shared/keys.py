@@ -1,0 +1,73 @@
+"""Every key of the bus, built here and nowhere else: ``atrium/1/{site}/…`` where 1 is the schema version."""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["SCHEMA_VERSION", "Keys", "is_identifier"]
+
+SCHEMA_VERSION = 1
+
+_IDENTIFIER = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+
+def is_identifier(text: str) -> bool:
+    """Whether ``text`` may name a site, camera, device, area, zone or floor: letters, digits, ``_ . -``, at most 64."""
+    return _IDENTIFIER.fullmatch(text) is not None
+
+
+class Keys:
+    """The keys of one site. Pass ``"*"`` for a wildcard over one part.
+
+    Raises:
+        ValueError: an identifier holds a character that no key may hold.
+    """
+
+    def __init__(self, site: str) -> None:
+        self.root = f"atrium/{SCHEMA_VERSION}/{_part(site)}"
+
+    def detections(self, camera: str = "*") -> str:
+        """DetectionFrame, each frame also when empty; newest wins."""
+        return f"{self.root}/camera/{_part(camera)}/detections"
+
+    def camera_status(self, camera: str = "*") -> str:
+        """CameraStatus on change, cached."""
+        return f"{self.root}/camera/{_part(camera)}/status"
+
+    def radio(self, device: str = "*") -> str:
+        """RadioScan, each scan, reliable."""
+        return f"{self.root}/device/{_part(device)}/radio"
+
+    def motion(self, device: str = "*") -> str:
+        """MotionBatch, about once a second, reliable."""
+        return f"{self.root}/device/{_part(device)}/motion"
+
+    def tracks(self, area: str = "*") -> str:
+        """TrackFrame, each chunk."""
+        return f"{self.root}/tracks/{_part(area)}"
+
+    def chunks(self, area: str = "*") -> str:
+        """ChunkMark: what fusion consumed, in order; reliable."""
+        return f"{self.root}/fusion/{_part(area)}/chunk"
+
+    def fusion_state(self, area: str = "*") -> str:
+        """Queryable: the tracker's state at the last chunk boundary, for recorders that join in mid-run."""
+        return f"{self.root}/fusion/{_part(area)}/state"
+
+    def alert(self, zone: str = "*") -> str:
+        """Alert, reliable, cached."""
+        return f"{self.root}/alert/{_part(zone)}"
+
+    def alive(self, service: str = "*", instance: str = "*") -> str:
+        """Liveliness token of one running service."""
+        return f"{self.root}/alive/{_part(service)}/{_part(instance)}"
+
+    def truth(self) -> str:
+        """GroundTruth, from the simulator to benchmarks only."""
+        return f"{self.root}/truth"
+
+
+def _part(text: str) -> str:
+    if text == "*" or is_identifier(text):
+        return text
+    raise ValueError(f"{text!r} cannot be part of a key: use 1 to 64 of the letters, digits, '_', '.' and '-'")

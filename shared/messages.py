@@ -1,0 +1,276 @@
+"""The language of the bus: one Struct per message, columnar, JSON on the wire.
+
+Conventions (docs/architecture.md, "The bus"): ``t`` is the time of *measurement* in seconds since the epoch (UTC);
+metres, seconds, radians, dBm, m/s², rad/s, µT; headings run counter-clockwise from the plan's +x axis. A message holds
+parallel columns, never a list of small objects. Unknown fields are ignored, so that versions can meet. ``seq`` counts
+the messages of one publisher since it started, so that gaps can be counted.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+__all__ = [
+    "Alert",
+    "CameraStatus",
+    "ChunkMark",
+    "DetectionFrame",
+    "GroundTruth",
+    "InertialColumns",
+    "Message",
+    "MessageError",
+    "MotionBatch",
+    "RadioScan",
+    "TrackFrame",
+    "decode",
+    "encode",
+]
+
+Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
+Covariance = tuple[float, float, float]
+"""A symmetric 2 x 2 covariance in m², written (xx, xy, yy)."""
+Box = tuple[float, float, float, float]
+"""left, top, width, height in pixels of the camera's own image."""
+
+
+class MessageError(ValueError):
+    """A payload is not the message it should be: the text names the field and what was expected."""
+
+
+class Message(msgspec.Struct, frozen=True, kw_only=True):
+    """What every message carries: when it was *measured*."""
+
+    t: float
+
+    def __post_init__(self) -> None:
+        """Parallel columns must be parallel: a message that is not is refused where it is made or decoded."""
+        lengths = {name: len(getattr(self, name)) for name in self.columns()}
+        if len(set(lengths.values())) > 1:
+            raise ValueError(f"{type(self).__name__}: columns of different lengths: {lengths}")
+
+    @classmethod
+    def columns(cls) -> tuple[str, ...]:
+        """Names of the parallel columns, all of one length."""
+        return ()
+
+
+class DetectionFrame(Message, frozen=True, kw_only=True):
+    """What one camera saw in one frame, on the ground plane; published also when nobody was seen."""
+
+    camera: str
+    floor: str
+    seq: int
+    x: list[float] = []
+    y: list[float] = []
+    covariance: list[Covariance] = []
+    confidence: list[Probability] = []
+    box: list[Box] = []
+
+    @classmethod
+    def columns(cls) -> tuple[str, ...]:
+        """One entry per detection."""
+        return ("x", "y", "covariance", "confidence", "box")
+
+
+class CameraStatus(Message, frozen=True, kw_only=True):
+    """How a camera is doing, published on change and cached for late joiners."""
+
+    camera: str
+    state: Literal["starting", "ok", "degraded", "ended"]
+    reason: str = ""
+    """In plain words, for an operator; empty when all is well."""
+    frames: int = 0
+    dropped: int = 0
+    frames_per_s: float = 0.0
+    origin: float | None = None
+    """The measurement time of the source's first frame in this pass (a looping file has one per loop)."""
+
+
+class RadioScan(Message, frozen=True, kw_only=True):
+    """Signal strengths one device measured (or was heard with) at one time, access points by their *site ids*."""
+
+    device: str
+    seq: int
+    kind: Literal["wifi", "ble"] = "wifi"
+    access_point: list[str] = []
+    rssi: list[float] = []
+
+    @classmethod
+    def columns(cls) -> tuple[str, ...]:
+        """One entry per access point heard."""
+        return ("access_point", "rssi")
+
+
+class MotionBatch(Message, frozen=True, kw_only=True):
+    """What a phone's inertial data say about its walk between ``t_start`` and ``t``."""
+
+    device: str
+    seq: int
+    t_start: float
+    activity: Literal["still", "walking", "other"]
+    step_t: list[float] = []
+    length: list[float] = []
+    length_variance: list[float] = []
+    heading: list[float] = []
+    heading_variance: list[float] = []
+    revises_from: float | None = None
+    """Where set, steps since this time replace the ones published before."""
+
+    @classmethod
+    def columns(cls) -> tuple[str, ...]:
+        """One entry per step."""
+        return ("step_t", "length", "length_variance", "heading", "heading_variance")
+
+
+class InertialColumns(msgspec.Struct, frozen=True, kw_only=True):
+    """Raw inertial samples in the phone's own axes (x right, y to the top, z out of the screen)."""
+
+    t: list[float]
+    ax: list[float]
+    ay: list[float]
+    az: list[float]
+    gx: list[float]
+    gy: list[float]
+    gz: list[float]
+    mx: list[float] = []
+    my: list[float] = []
+    mz: list[float] = []
+
+
+class TrackFrame(Message, frozen=True, kw_only=True):
+    """Everybody in one area at the time of the newest detection of one chunk.
+
+    A pure function of the chunks before it: wall-clock stamps travel in the bus's attachment, never here, so that a
+    live run and the replay of its recording are the same to the byte.
+    """
+
+    area: str
+    chunk: int
+    tracker: str
+    track: list[int] = []
+    floor: list[str] = []
+    x: list[float] = []
+    y: list[float] = []
+    covariance: list[Covariance] = []
+    vx: list[float] = []
+    vy: list[float] = []
+    state: list[Literal["confirmed", "coasting"]] = []
+    device: list[str | None] = []
+    """The device this person carries; None is "not sure" or "carries none"."""
+    probability: list[Probability] = []
+    """Of ``device`` being right; where device is None, of the person carrying none of the known ones."""
+    runner_up: list[str | None] = []
+    runner_up_probability: list[Probability] = []
+    former: list[list[int]] = []
+    """The ids of earlier tracks of the same person, oldest first."""
+    sources: list[list[str]] = []
+    """Cameras and devices that fed the track in this chunk."""
+    quality: list[Probability] = []
+
+    @classmethod
+    def columns(cls) -> tuple[str, ...]:
+        """One entry per track."""
+        return (
+            "track",
+            "floor",
+            "x",
+            "y",
+            "covariance",
+            "vx",
+            "vy",
+            "state",
+            "device",
+            "probability",
+            "runner_up",
+            "runner_up_probability",
+            "former",
+            "sources",
+            "quality",
+        )
+
+
+class ChunkMark(Message, frozen=True, kw_only=True):
+    """Fusion closed a chunk: the trace ids of exactly what it consumed, in order. What makes replay exact."""
+
+    area: str
+    chunk: int
+    t_start: float
+    consumed: list[str] = []
+
+
+class Alert(Message, frozen=True, kw_only=True):
+    """Somebody entered or left a zone."""
+
+    id: str
+    zone: str
+    kind: Literal["enter", "exit"]
+    area: str
+    track: int
+    floor: str
+    x: float
+    y: float
+    device: str | None = None
+
+
+class GroundTruth(Message, frozen=True, kw_only=True):
+    """Where everybody really is. From the simulator to the benchmarks only."""
+
+    person: list[str] = []
+    floor: list[str] = []
+    x: list[float] = []
+    y: list[float] = []
+    device: list[str | None] = []
+
+    @classmethod
+    def columns(cls) -> tuple[str, ...]:
+        """One entry per person."""
+        return ("person", "floor", "x", "y", "device")
+
+
+M = TypeVar("M", bound=Message)
+
+_encoder = msgspec.json.Encoder()
+_decoders: dict[type[Message], msgspec.json.Decoder[Any]] = {}
+
+
+def encode(message: Message) -> bytes:
+    """Return the message as JSON. NaN and infinity become null, which no decoder accepts: they cannot travel."""
+    return _encoder.encode(message)
+
+
+def decode(payload: bytes, kind: type[M]) -> M:
+    """Return the message of type ``kind`` held in ``payload``.
+
+    Raises:
+        MessageError: the payload is not JSON, a field is missing or has the wrong type, or columns differ in length.
+    """
+    decoder = _decoders.get(kind)
+    if decoder is None:
+        decoder = _decoders[kind] = msgspec.json.Decoder(kind)
+    try:
+        message: M = decoder.decode(payload)
+    except (msgspec.DecodeError, ValueError) as error:
+        raise MessageError(f"{kind.__name__}: {error}") from error
+    return message
+
+
+def positions(frame: DetectionFrame | TrackFrame) -> NDArray[np.float64]:
+    """Return the positions of a frame as an array of shape (n, 2), metres."""
+    return np.column_stack([np.asarray(frame.x, float), np.asarray(frame.y, float)])
+
+
+def covariances(frame: DetectionFrame | TrackFrame) -> NDArray[np.float64]:
+    """Return the covariances of a frame as an array of shape (n, 2, 2), m²."""
+    packed = np.asarray(frame.covariance, float).reshape(-1, 3)
+    return packed[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+
+
+def pack_covariances(matrices: NDArray[np.float64]) -> list[Covariance]:
+    """Return (n, 2, 2) covariances in the form messages carry."""
+    packed: list[Covariance] = [tuple(row) for row in matrices.reshape(-1, 4)[:, [0, 1, 3]].tolist()]
+    return packed

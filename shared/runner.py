@@ -1,0 +1,230 @@
+"""The life of a process, the same for every service.
+
+Read and check settings, open the site and the bus, announce itself, serve ``/healthz``, ``/readyz`` and ``/metrics``,
+run, and stop cleanly within five seconds of SIGTERM or Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+import sys
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import ClassVar, Generic, TypeVar, cast
+
+import structlog
+from prometheus_client import CONTENT_TYPE_LATEST, Gauge, generate_latest
+
+from shared.bus import Bus, BusError
+from shared.keys import Keys
+from shared.settings import ServiceSettings, SettingsError, read_settings
+from shared.site import Site, SiteError, load_site
+
+__all__ = ["Health", "Service", "ServiceError", "run", "setup_logging"]
+
+S = TypeVar("S", bound=ServiceSettings)
+
+STOP_WITHIN = 5.0
+log = structlog.get_logger(__name__)
+
+
+class ServiceError(RuntimeError):
+    """The service cannot do its work: one line in plain words for the operator; the process exits with status 1."""
+
+
+class Health:
+    """What a process says of itself: problems by topic in plain words, and whether it is ready for work."""
+
+    def __init__(self) -> None:
+        self._problems: dict[str, str] = {}
+        self._lock = threading.Lock()
+        self.ready = threading.Event()
+        gauge = Gauge("atrium_problems", "Number of problems the service reports of itself")
+        gauge.set_function(lambda: float(len(self.problems())))
+
+    def degraded(self, topic: str, reason: str) -> None:
+        """Tell that ``topic`` is not well, and why; logged when the reason changes."""
+        with self._lock:
+            known = self._problems.get(topic)
+            self._problems[topic] = reason
+        if known != reason:
+            log.warning("degraded", topic=topic, reason=reason)
+
+    def well(self, topic: str) -> None:
+        """Tell that ``topic`` is well again."""
+        with self._lock:
+            known = self._problems.pop(topic, None)
+        if known is not None:
+            log.info("recovered", topic=topic, after=known)
+
+    def problems(self) -> dict[str, str]:
+        """Return the present problems by topic."""
+        with self._lock:
+            return dict(self._problems)
+
+
+class Service(ABC, Generic[S]):
+    """One service: subclasses set ``name`` and ``Settings`` and implement ``run``.
+
+    ``run`` works until ``self.stopping`` is set and then returns within a second or two; the runner closes the bus.
+    """
+
+    name: ClassVar[str]
+    Settings: ClassVar[type[ServiceSettings]]
+
+    def __init__(self, settings: S, site: Site, bus: Bus, health: Health) -> None:
+        self.settings = settings
+        self.site = site
+        self.bus = bus
+        self.health = health
+        self.keys = Keys(site.site)
+        self.stopping = threading.Event()
+
+    @classmethod
+    def check(cls, settings: S, site: Site) -> None:
+        """Refuse settings that do not fit the site, before anything opens.
+
+        Raises:
+            SettingsError: naming setting, value and what is allowed.
+        """
+
+    @property
+    def instance(self) -> str:
+        """Name of this process among its kind."""
+        return self.settings.instance or "0"
+
+    @abstractmethod
+    def run(self) -> None:
+        """Do the service's work until ``self.stopping`` is set."""
+
+    def stop(self) -> None:
+        """Ask the service to stop; called from a signal handler. Extend to wake up whatever ``run`` waits for."""
+        self.stopping.set()
+
+
+def run(kind: type[Service[S]], arguments: Sequence[str] | None = None) -> int:
+    """Live the life of one service process and return its exit status."""
+    try:
+        settings = cast(S, read_settings(kind.Settings, arguments, f"python -m services.{kind.name}"))
+        site = load_site(settings.site_file)
+        kind.check(settings, site)
+    except (SettingsError, SiteError) as error:
+        print(f"{kind.name}: {error}", file=sys.stderr)  # noqa: T201 (before logging exists)
+        return 2
+    setup_logging(settings.log_level, settings.log_format)
+    structlog.contextvars.bind_contextvars(service=kind.name)
+    log.info("starting", **{key: str(value) for key, value in settings.shown().items()})
+    health = Health()
+    stop_requested = threading.Event()
+    service: Service[S] | None = None
+
+    def request_stop(signum: int, _frame: object) -> None:
+        log.info("stopping", signal=signal.Signals(signum).name)
+        stop_requested.set()
+        # If the service hangs, leave all the same: a supervisor's patience is limited.
+        watchdog = threading.Timer(STOP_WITHIN - 0.5, _leave)
+        watchdog.daemon = True
+        watchdog.start()
+        if service is not None:
+            service.stop()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, request_stop)
+    try:
+        bus = Bus(settings.bus)
+    except BusError as error:
+        log.error("cannot start", reason=str(error))
+        return 1
+    try:
+        server = _serve_health(settings, health, bus)
+    except OSError as error:
+        log.error("cannot start", reason=f"health port {settings.health_host}:{settings.health_port}: {error.strerror}")
+        bus.close()
+        return 1
+    status = 0
+    try:
+        service = kind(settings, site, bus, health)
+        bus.announce(service.keys.alive(kind.name, service.instance))
+        if not stop_requested.is_set():
+            service.run()
+    except ServiceError as error:
+        log.error("cannot go on", reason=str(error))
+        status = 1
+    finally:
+        server.shutdown()
+        bus.close()
+        log.info("stopped", status=status)
+    return status
+
+
+def setup_logging(level: str, form: str) -> None:
+    """Send structured logs to standard error, as text for people or as JSON for machines."""
+    renderer: structlog.typing.Processor = (
+        structlog.processors.JSONRenderer()
+        if form == "json"
+        else structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty())
+    )
+    structlog.configure(
+        processors=[
+            structlog.contextvars.merge_contextvars,
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            structlog.processors.format_exc_info,
+            renderer,
+        ],
+        wrapper_class=structlog.make_filtering_bound_logger(getattr(logging, level.upper())),
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        cache_logger_on_first_use=False,
+    )
+    logging.basicConfig(
+        level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s %(message)s", force=True
+    )
+
+
+def _leave() -> None:
+    log.error("did not stop in time, leaving", seconds=STOP_WITHIN)
+    os._exit(3)
+
+
+def _serve_health(settings: ServiceSettings, health: Health, bus: Bus) -> ThreadingHTTPServer:
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            path = self.path.partition("?")[0]
+            if path == "/metrics":
+                self._send(200, CONTENT_TYPE_LATEST, generate_latest())
+            elif path == "/healthz":
+                self._send_json(200, {"status": "alive", "problems": health.problems()})
+            elif path == "/readyz":
+                problems = health.problems()
+                if not bus.connected:
+                    problems["bus"] = f"no router at {', '.join(settings.bus)}"
+                if not health.ready.is_set():
+                    problems["service"] = "still starting"
+                ready = bus.connected and health.ready.is_set()
+                self._send_json(200 if ready else 503, {"ready": ready, "problems": problems})
+            else:
+                self._send_json(404, {"detail": "only /healthz, /readyz and /metrics live here"})
+
+        def _send_json(self, status: int, body: dict[str, object]) -> None:
+            self._send(status, "application/json", json.dumps(body).encode())
+
+        def _send(self, status: int, content_type: str, body: bytes) -> None:
+            self.send_response(status)
+            self.send_header("Content-Type", content_type)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            """Keep probes out of the log."""
+
+    server = ThreadingHTTPServer((settings.health_host, settings.health_port), Handler)
+    server.daemon_threads = True
+    threading.Thread(target=server.serve_forever, name="health", daemon=True).start()
+    log.info("health", url=f"http://{settings.health_host}:{server.server_address[1]}/healthz")
+    return server

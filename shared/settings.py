@@ -1,0 +1,125 @@
+"""Typed settings of a service: flags, then environment (``ATRIUM_*``), then a file (``--config``), then defaults."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Literal, TypeVar
+
+from pydantic import Field, SecretStr, ValidationError
+from pydantic_settings import (
+    BaseSettings,
+    CliSettingsSource,
+    PydanticBaseSettingsSource,
+    SettingsConfigDict,
+    YamlConfigSettingsSource,
+)
+
+__all__ = ["ServiceSettings", "SettingsError", "data_folder", "read_settings"]
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+
+class SettingsError(ValueError):
+    """A setting is wrong: the text names setting, where it may be given, value and what is allowed."""
+
+
+class ServiceSettings(BaseSettings):
+    """What every service can be told. Services add fields of their own; names are unique across services."""
+
+    model_config = SettingsConfigDict(
+        env_prefix="ATRIUM_",
+        extra="ignore",
+        cli_kebab_case=True,
+        cli_hide_none_type=True,
+        cli_implicit_flags=True,
+        hide_input_in_errors=False,
+    )
+    secrets: ClassVar[tuple[str, ...]] = ()
+    """Names of fields that must not keep their demo value outside ``profile=demo``."""
+
+    site_file: Path = Field(description="the site file (YAML)")
+    profile: Literal["demo", "production"] = Field("production", description="demo accepts default secrets")
+    bus: list[str] = Field([DEFAULT_ENDPOINT], description="Zenoh router endpoints")
+    instance: str = Field("", description="name of this process among its kind; empty: chosen by the service")
+    health_host: str = Field("127.0.0.1", description="where /healthz, /readyz and /metrics listen")
+    health_port: int = Field(0, ge=0, le=65535, description="0: any free port, printed at start")
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+    log_format: Literal["text", "json"] = "text"
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Order the sources: flags and arguments, environment, file."""
+        path = os.environ.get("ATRIUM_CONFIG")
+        file = (YamlConfigSettingsSource(settings_cls, yaml_file=path),) if path else ()
+        return (init_settings, env_settings, *file)
+
+    def shown(self) -> dict[str, Any]:
+        """Return the settings for the log, secrets hidden."""
+        return {name: "***" if isinstance(value, SecretStr) else value for name, value in self.model_dump().items()}
+
+
+S = TypeVar("S", bound=ServiceSettings)
+
+
+def read_settings(kind: type[S], arguments: Sequence[str] | None = None, program: str | None = None) -> S:
+    """Read the settings of one service from command line, environment and file.
+
+    Raises:
+        SettingsError: a setting is missing, unknown or out of range, or a demo secret is used outside the demo.
+    """
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    if "--config" in arguments:
+        position = arguments.index("--config")
+        if position + 1 >= len(arguments):
+            raise SettingsError("--config: needs a file name")
+        config = Path(arguments[position + 1])
+        if not config.is_file():
+            raise SettingsError(f"--config: {config} is not a file")
+        os.environ["ATRIUM_CONFIG"] = str(config)
+        del arguments[position : position + 2]
+    try:
+        source: CliSettingsSource[S] = CliSettingsSource(
+            kind, cli_parse_args=arguments, cli_prog_name=program, cli_exit_on_error=True
+        )
+        settings = kind(_cli_settings_source=source)
+    except ValidationError as error:
+        raise SettingsError(_explain(error)) from error
+    if settings.profile != "demo":
+        for name in kind.secrets:
+            value = getattr(settings, name)
+            default = kind.model_fields[name].default
+            if value == default:
+                raise SettingsError(
+                    f"{name}: the default secret is for the demo only; set {_variable(name)} to a secret of your own"
+                )
+    return settings
+
+
+def data_folder() -> Path:
+    """Return the folder of real recordings: ``ATRIUM_DATA``, by default ``../shared/data`` beside the project."""
+    default = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
+    return Path(os.environ.get("ATRIUM_DATA") or default)
+
+
+def _variable(name: str) -> str:
+    return f"ATRIUM_{name.upper()}"
+
+
+def _explain(error: ValidationError) -> str:
+    lines = []
+    for problem in error.errors():
+        name = str(problem["loc"][0]) if problem["loc"] else "settings"
+        flag = "--" + name.replace("_", "-")
+        found = "" if problem["type"] == "missing" else f" (found {problem['input']!r})"
+        lines.append(f"{name}: {problem['msg']}{found}; set it by {flag} or {_variable(name)}")
+    return "\n".join(lines)

@@ -1,0 +1,19 @@
+"""The site: floors, walls, areas, cameras and their geometry, access points, zones; read from one YAML file."""
+
+from shared.site.camera_geometry import CameraGeometry
+from shared.site.floor_plan import FloorPlan
+from shared.site.site_file import AccessPoint, Area, Camera, Floor, Site, SiteError, Source, Zone, load_site
+
+__all__ = [
+    "AccessPoint",
+    "Area",
+    "Camera",
+    "CameraGeometry",
+    "Floor",
+    "FloorPlan",
+    "Site",
+    "SiteError",
+    "Source",
+    "Zone",
+    "load_site",
+]
