@@ -12,7 +12,7 @@ import json
 import os
 import threading
 import time
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
@@ -59,6 +59,7 @@ class Delivery(Generic[M_co]):
     trace: Trace
 
 
+_KEYS_REMEMBERED = 10_000
 _trace_prefix = f"{os.getpid():x}-{time.time_ns() // 1000 % 2**32:x}"
 _trace_number = itertools.count(1)
 _encode_trace = msgspec.json.Encoder().encode
@@ -104,6 +105,7 @@ class Inbox:
         self._changed = threading.Condition()
         self._problems: dict[tuple[str, str], int] = {}
         self._last_report = time.monotonic()
+        self._last_seq: OrderedDict[str, int] = OrderedDict()
 
     def subscribe(self, key: str, kind: type[Message], *, newest: bool = False, cached: bool = False) -> None:
         """Let messages of type ``kind`` on ``key`` (wildcards allowed) flow into this inbox.
@@ -166,11 +168,24 @@ class Inbox:
             log.debug("message not understood", key=key, error=str(error))
             return None
         RECEIVED.labels(kind.__name__).inc()
+        self._count_gap(key, message)
         return Delivery(key, message, trace)
 
-    def _note(self, kind: str, reason: str) -> None:
-        DROPPED.labels(kind, reason).inc()
-        self._problems[kind, reason] = self._problems.get((kind, reason), 0) + 1
+    def _count_gap(self, key: str, message: Message) -> None:
+        """Count what a publisher numbered but never arrived: lost while the router was away, or overtaken."""
+        seq = getattr(message, "seq", None)
+        if seq is None:
+            return
+        last = self._last_seq.pop(key, seq - 1)
+        self._last_seq[key] = seq
+        if len(self._last_seq) > _KEYS_REMEMBERED:
+            self._last_seq.popitem(last=False)
+        if seq > last + 1:  # a smaller number is a publisher that started anew
+            self._note(type(message).__name__, "gap", seq - last - 1)
+
+    def _note(self, kind: str, reason: str, count: int = 1) -> None:
+        DROPPED.labels(kind, reason).inc(count)
+        self._problems[kind, reason] = self._problems.get((kind, reason), 0) + count
 
     def _report(self) -> None:
         """Tell about dropped messages in the log, once a minute at most."""
