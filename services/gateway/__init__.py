@@ -1,1 +1,1 @@
-"""Placeholder."""
+"""The door for phones: enrolment and consent, sensor batches over HTTP, dead reckoning, radio scans."""
