@@ -8,14 +8,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeVar
 
+import yaml
 from pydantic import Field, SecretStr, ValidationError
 from pydantic_settings import (
     BaseSettings,
     CliSettingsSource,
+    InitSettingsSource,
     PydanticBaseSettingsSource,
     SettingsConfigDict,
-    YamlConfigSettingsSource,
 )
+
+from shared.site.site_file import expand_environment
 
 __all__ = ["ServiceSettings", "SettingsError", "data_folder", "read_settings"]
 
@@ -60,7 +63,7 @@ class ServiceSettings(BaseSettings):
     ) -> tuple[PydanticBaseSettingsSource, ...]:
         """Order the sources: flags and arguments, environment, file."""
         path = os.environ.get("ATRIUM_CONFIG")
-        file = (YamlConfigSettingsSource(settings_cls, yaml_file=path),) if path else ()
+        file = (InitSettingsSource(settings_cls, _read_file(Path(path), settings_cls)),) if path else ()
         return (init_settings, env_settings, *file)
 
     def shown(self) -> dict[str, Any]:
@@ -82,10 +85,7 @@ def read_settings(kind: type[S], arguments: Sequence[str] | None = None, program
         position = arguments.index("--config")
         if position + 1 >= len(arguments):
             raise SettingsError("--config: needs a file name")
-        config = Path(arguments[position + 1])
-        if not config.is_file():
-            raise SettingsError(f"--config: {config} is not a file")
-        os.environ["ATRIUM_CONFIG"] = str(config)
+        os.environ["ATRIUM_CONFIG"] = arguments[position + 1]
         del arguments[position : position + 2]
     try:
         source: CliSettingsSource[S] = CliSettingsSource(
@@ -109,6 +109,25 @@ def data_folder() -> Path:
     """Return the folder of real recordings: ``ATRIUM_DATA``, by default ``../shared/data`` beside the project."""
     default = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
     return Path(os.environ.get("ATRIUM_DATA") or default)
+
+
+def _read_file(path: Path, kind: type[BaseSettings]) -> dict[str, Any]:
+    """Read a YAML file of settings; ``${NAME}`` in its text values is replaced by environment variables."""
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{path}: not YAML: {error}") from error
+    if not isinstance(document, dict):
+        raise SettingsError(f"{path}: must hold a mapping of settings, found {type(document).__name__}")
+    unknown = [str(name) for name in document if name not in kind.model_fields]
+    if unknown:
+        raise SettingsError(f"{path}: {', '.join(unknown)}: no such setting; allowed: {', '.join(kind.model_fields)}")
+    try:
+        return {name: expand_environment(v) if isinstance(v, str) else v for name, v in document.items()}
+    except ValueError as error:
+        raise SettingsError(f"{path}: {error}") from error
 
 
 def _variable(name: str) -> str:
