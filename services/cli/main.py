@@ -1,0 +1,281 @@
+"""The ``atrium`` command line. Each command lives in a file of its own; here they only meet their options."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import httpx
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from services.cli import replay as player
+from services.cli.demo import API_KEY, Demo, Ports, find_site
+from services.cli.launcher import LauncherError
+from services.cli.recorder import record as record_bus
+from services.cli.recording import Recording, RecordingError
+from shared.bus import Bus, BusError
+from shared.settings import DEFAULT_ENDPOINT
+from shared.site import SiteError, load_site
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, help="Who is where, in metres, now.")
+console = Console(highlight=False)
+
+SiteOption = Annotated[str, typer.Option("--site", help="a shipped site's name, a site file, or its folder")]
+BusOption = Annotated[str, typer.Option("--bus", help="endpoint of the Zenoh router")]
+SERVICES = ("api", "camera", "dashboard", "fusion", "gateway", "geofence", "simulator")
+QUIET = ("[info", "[debug")
+
+
+@app.command()
+def demo(
+    site: SiteOption = "hall",
+    seconds: Annotated[float | None, typer.Option(help="stop by itself after this long")] = None,
+    free_ports: Annotated[bool, typer.Option("--free-ports", help="listen on any free ports")] = False,
+    open_browser: Annotated[bool, typer.Option("--open/--no-open", help="open the live map")] = False,
+    record: Annotated[Path | None, typer.Option(help="also record the run into this MCAP file")] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="show everything the services log")] = False,
+    dashboard: Annotated[bool, typer.Option("--dashboard/--no-dashboard", help="start the live map")] = True,
+) -> None:
+    """Start a whole site on this machine: services, router, simulated phones, live map. Ctrl-C stops all."""
+    stopping = _stop_on_signals()
+
+    def show(name: str, line: str) -> None:
+        if verbose or not any(mark in line for mark in QUIET):
+            console.print(f"[dim]{escape(name):<12}[/dim] {escape(line)}")
+
+    running: Demo | None = None
+    recording: threading.Thread | None = None
+    status = 0
+    try:
+        site_file = find_site(site)
+        ports = Ports.free() if free_ports else Ports()
+        if taken := ports.taken():
+            raise LauncherError(f"in use already: {', '.join(taken)}; stop what listens there or add --free-ports")
+        log_file = Path("var") / "demo" / f"{site_file.parent.name}.log"
+        running = Demo(site_file, ports, show, log_file, dashboard=dashboard)
+        with console.status(f"starting {running.site.name or running.site.site} …"):
+            if record is not None:
+                recording = _record_in_thread(running, record, stopping)
+            running.start(stopping=stopping)
+        _introduce(running, log_file, dashboard)
+        if open_browser and dashboard:
+            webbrowser.open(running.dashboard_url)
+        _watch(running, stopping, seconds)
+    except (LauncherError, SiteError, BusError) as error:
+        console.print(f"[red]{escape(str(error))}[/red]")
+        status = 1
+    finally:
+        stopping.set()
+        if recording is not None:
+            recording.join(timeout=10.0)
+        if running is not None:
+            with console.status("stopping …"):
+                statuses = running.stop()
+            failed = {name: code for name, code in statuses.items() if code != 0}
+            if failed:
+                console.print(f"[red]ended badly: {failed}[/red]")
+                status = status or 1
+            else:
+                console.print("all services stopped")
+    raise typer.Exit(status)
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})
+def run(
+    context: typer.Context,
+    service: Annotated[str, typer.Argument(help=f"one of {', '.join(SERVICES)}")],
+) -> None:
+    """Run one service in the foreground; what follows its name are its settings (try --help there)."""
+    if service not in SERVICES:
+        console.print(f"[red]{escape(service)}: no such service; allowed: {', '.join(SERVICES)}[/red]")
+        raise typer.Exit(2)
+    raise typer.Exit(_python("-m", f"services.{service}", *context.args))
+
+
+@app.command()
+def record(
+    out: Annotated[Path, typer.Argument(help="the MCAP file to write")],
+    site: SiteOption = "hall",
+    bus: BusOption = DEFAULT_ENDPOINT,
+    seconds: Annotated[float | None, typer.Option(help="stop by itself after this long")] = None,
+) -> None:
+    """Record what fusion consumes and publishes until Ctrl-C; the file replays to the very same tracks."""
+    stopping = _stop_on_signals()
+    if seconds is not None:
+        _after(seconds, stopping.set)
+    try:
+        site_file = find_site(site)
+        with Bus([bus]) as session, console.status("recording …") as line:
+
+            def progress(counts: dict[str, int]) -> None:
+                shown = ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "nothing yet"
+                line.update(f"recording into {out}: {shown}")
+
+            counts = record_bus(session, load_site(site_file), site_file, out, stopping, progress)
+    except (LauncherError, SiteError, BusError, OSError) as error:
+        console.print(f"[red]{escape(str(error))}[/red]")
+        raise typer.Exit(1) from error
+    console.print(f"{out}: " + ", ".join(f"{count} {name}" for name, count in sorted(counts.items())))
+
+
+@app.command()
+def replay(
+    recording: Annotated[Path, typer.Argument(help="a file written by atrium record")],
+    verify: Annotated[
+        bool, typer.Option("--verify", help="compute the tracks anew and compare them bit for bit")
+    ] = False,
+    site: Annotated[str | None, typer.Option(help="site file; by default the one named in the recording")] = None,
+    bus: Annotated[str | None, typer.Option(help="send the recorded sensors to this Zenoh router instead")] = None,
+    pace: Annotated[float, typer.Option(min=0.01, help="times the recorded speed, with --bus")] = 1.0,
+) -> None:
+    """Show what a recording holds, verify it, or play it on a bus as if it happened now."""
+    try:
+        opened = Recording(recording)
+        if bus is not None:
+            with Bus([bus]) as session:
+                sent = player.play(opened, session, pace, _stop_on_signals())
+            console.print(f"{sent} messages sent to {bus}")
+            return
+        site_file = find_site(site) if site else opened.site_file
+        if verify:
+            verdicts = player.verify(opened, load_site(site_file))
+            for verdict in verdicts:
+                console.print(str(verdict))
+            raise typer.Exit(0 if verdicts and all(verdict.identical for verdict in verdicts) else 1)
+        console.print(player.describe(opened))
+    except (LauncherError, RecordingError, SiteError, BusError) as error:
+        console.print(f"[red]{escape(str(error))}[/red]")
+        raise typer.Exit(1) from error
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})
+def bench(
+    context: typer.Context,
+    name: Annotated[str, typer.Argument(help="an experiment, for example pets-video; list shows them")],
+) -> None:
+    """Measure: run one experiment of benchmarks/ (needs a checkout), print its table, write its result."""
+    root = Path(__file__).resolve().parent.parent.parent
+    experiments = sorted(
+        path.stem.replace("_", "-")
+        for path in (root / "benchmarks").glob("*.py")
+        if "\ndef main(" in path.read_text(encoding="utf-8")
+    )
+    if name not in experiments:
+        console.print(
+            f"{escape(name)}: no such experiment; there are: {', '.join(experiments) or 'none (no checkout)'}"
+        )
+        raise typer.Exit(0 if name == "list" else 2)
+    raise typer.Exit(_python("-m", f"benchmarks.{name.replace('-', '_')}", *context.args))
+
+
+@app.command()
+def migrate() -> None:
+    """Bring the databases of all services up to date (ATRIUM_DATABASE_URL); run once before the services start."""
+    # Only this command needs the gateway's libraries.
+    from services.gateway.settings import default_database_url
+    from services.gateway.storage import migrate as migrate_gateway
+
+    migrate_gateway(default_database_url())
+    console.print("databases are up to date")
+
+
+@app.command("site")
+def check_site(site: Annotated[str, typer.Argument(help="a shipped site's name, a site file, or its folder")]) -> None:
+    """Check a site file and say what is in it."""
+    try:
+        path = find_site(site)
+        found = load_site(path)
+    except (LauncherError, SiteError) as error:
+        console.print(f"[red]{escape(str(error))}[/red]")
+        raise typer.Exit(1) from error
+    console.print(f"{path}: good. Site [bold]{found.site}[/bold] ({found.name})")
+    for floor in found.floors:
+        console.print(f"  floor {floor.id}: level {floor.level}, {floor.plan().outline.area:.0f} m²")
+    for camera in found.cameras:
+        x, y, z = camera.geometry.build().position
+        console.print(
+            f"  camera {camera.id}: area {camera.area}, hangs at ({x:.1f}, {y:.1f}, {z:.1f}) m, {camera.source}"
+        )
+    console.print(f"  {len(found.access_points)} access points, {len(found.zones)} zones")
+
+
+def main() -> None:
+    """Run the command line."""
+    app()
+
+
+def _python(*arguments: str) -> int:
+    """Run a module of ours in this terminal; Ctrl-C is left to it."""
+    with subprocess.Popen([sys.executable, *arguments]) as child:  # noqa: S603 (our own modules)
+        while True:
+            try:
+                return child.wait()
+            except KeyboardInterrupt:
+                continue
+
+
+def _stop_on_signals() -> threading.Event:
+    stopping = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.set())
+    return stopping
+
+
+def _after(seconds: float, action: Callable[[], None]) -> None:
+    timer = threading.Timer(seconds, action)
+    timer.daemon = True
+    timer.start()
+
+
+def _record_in_thread(running: Demo, out: Path, stopping: threading.Event) -> threading.Thread:
+    site, site_file, endpoint = running.site, running.site_file, running.endpoint
+
+    def work() -> None:
+        with Bus([endpoint]) as session:
+            counts = record_bus(session, site, site_file, out, stopping)
+        console.print(f"{out}: " + ", ".join(f"{count} {name}" for name, count in sorted(counts.items())))
+
+    thread = threading.Thread(target=work, name="recorder", daemon=True)
+    thread.start()
+    return thread
+
+
+def _introduce(running: Demo, log_file: Path, dashboard: bool) -> None:
+    if dashboard:
+        console.print(f"  live map    [bold]{running.dashboard_url}[/bold]")
+    console.print(f"  API         {running.api_url}/docs   (key: {API_KEY})")
+    console.print(f"  phones post {running.gateway_url}/docs   (enrolment key: demo-enrolment-key)")
+    console.print(f"  bus         {running.endpoint}")
+    console.print(f"  log         {log_file}")
+    console.print("Ctrl-C stops all.", style="dim")
+
+
+def _watch(running: Demo, stopping: threading.Event, seconds: float | None) -> None:
+    """Keep the processes running and say now and then how it goes."""
+    end = None if seconds is None else time.monotonic() + seconds
+    next_word = time.monotonic() + 5.0
+    with console.status("waiting for the first tracks …") as line:
+        while not stopping.wait(0.2) and (end is None or time.monotonic() < end):
+            running.launcher.keep_running()
+            if time.monotonic() < next_word:
+                continue
+            next_word = time.monotonic() + 2.0
+            try:
+                positions, alerts = running.get("/v1/positions"), running.get("/v1/alerts?limit=1")
+            except httpx.HTTPError as error:
+                line.update(f"the API does not answer: {error}")
+                continue
+            latest = alerts["alerts"]
+            last = f"last alert: {latest[0]['kind']} {latest[0]['zone']}" if latest else "no alerts yet"
+            line.update(f"{len(positions['positions'])} phones located, {last}")

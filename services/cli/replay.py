@@ -1,0 +1,119 @@
+"""``atrium replay``: compute a recording's tracks anew and compare them bit for bit, or play it on a bus."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from services.cli.recording import INPUT_KINDS, Consumed, Recording
+from services.fusion.replay import replay_tracks
+from shared.bus import Bus, Publisher
+from shared.messages import Message, TrackFrame, encode
+from shared.site import Site
+
+__all__ = ["Verdict", "describe", "play", "verify"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of comparing one area's recorded tracks with those computed anew."""
+
+    area: str
+    frames: int
+    different: int
+    first_difference: int | None
+    missing_inputs: int
+    unrecorded: int
+
+    @property
+    def identical(self) -> bool:
+        """Whether every recorded frame was reproduced to the byte."""
+        return self.frames > 0 and self.different == 0 and self.missing_inputs == 0
+
+    def __str__(self) -> str:
+        """Say it in one line."""
+        words = f"area {self.area}: {self.frames} track frames compared"
+        if self.identical:
+            words += ", all identical to the byte"
+        elif self.different:
+            words += f", {self.different} DIFFERENT, the first in chunk {self.first_difference}"
+        if self.missing_inputs:
+            words += f"; {self.missing_inputs} inputs are missing from the recording"
+        if self.unrecorded:
+            words += f"; {self.unrecorded} frames were not recorded"
+        return words
+
+
+def verify(recording: Recording, site: Site) -> list[Verdict]:
+    """Recompute the tracks of every recorded area and compare."""
+    return [_verify_area(recording, site, area) for area in recording.areas()]
+
+
+def play(recording: Recording, bus: Bus, pace: float, stopping: threading.Event) -> int:
+    """Send the recorded sensor messages with their own keys, ``pace`` times as fast as they came; return how many."""
+    publishers: dict[str, Publisher[Message]] = {}
+    started: tuple[float, float] | None = None
+    sent = 0
+    for recorded in recording.messages():
+        if not isinstance(recorded.message, INPUT_KINDS):
+            continue
+        now = time.monotonic()
+        if started is None:
+            started = (now, recorded.sent)
+        due = started[0] + (recorded.sent - started[1]) / pace
+        if stopping.wait(max(0.0, due - now)):
+            break
+        if recorded.key not in publishers:
+            publishers[recorded.key] = bus.publisher(recorded.key, type(recorded.message))
+        publishers[recorded.key].publish(recorded.message)
+        sent += 1
+    return sent
+
+
+def describe(recording: Recording) -> str:
+    """Say in a few lines what a recording holds."""
+    counts: Counter[str] = Counter()
+    first = last = None
+    for recorded in recording.messages():
+        counts[type(recorded.message).__name__] += 1
+        first, last = first or recorded.sent, recorded.sent
+    lines = [f"{recording.path}: site {recording.site} ({recording.site_file})"]
+    if first is not None and last is not None:
+        begun = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(first))
+        lines.append(f"  {last - first:.1f} s from {begun}{', cut off' if recording.truncated else ''}")
+    lines += [f"  {count:7d} {name}" for name, count in sorted(counts.items())]
+    return "\n".join(lines)
+
+
+def _verify_area(recording: Recording, site: Site, area: str) -> Verdict:
+    chunks: list[Consumed] = []
+
+    def recorded_chunks() -> Iterator[Consumed]:
+        for consumed in recording.consumed(area):
+            chunks.append(consumed)
+            yield consumed
+
+    different, first_difference, frames, unrecorded, missing = 0, None, 0, 0, 0
+    computed = replay_tracks(
+        ((consumed.mark, consumed.inputs) for consumed in recorded_chunks()), site, area, recording.state(area)
+    )
+    for frame in computed:
+        while chunks[0].mark.chunk != frame.chunk:
+            chunks.pop(0)
+        consumed = chunks.pop(0)
+        missing += consumed.missing
+        if consumed.tracks is None:
+            unrecorded += 1
+            continue
+        frames += 1
+        if not _same(frame, consumed.tracks):
+            different += 1
+            first_difference = frame.chunk if first_difference is None else first_difference
+    return Verdict(area, frames, different, first_difference, missing, unrecorded)
+
+
+def _same(one: TrackFrame, other: TrackFrame) -> bool:
+    return encode(one) == encode(other)
