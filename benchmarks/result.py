@@ -1,0 +1,59 @@
+"""How results are written: one JSON file per experiment, flat figures, shares as fractions, errors in metres."""
+
+from __future__ import annotations
+
+import json
+import platform
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+
+__all__ = ["RESULTS", "read_figures", "write_result"]
+
+RESULTS = Path(__file__).resolve().parent / "results"
+
+
+def write_result(
+    experiment: str, scenario: str, seed: int, figures: Mapping[str, float | None], out: Path | None = None
+) -> Path:
+    """Write a result and return where. Only the default seed and scenario may go to ``benchmarks/results``.
+
+    Args:
+        experiment: its name; also the file's.
+        scenario: what world was measured.
+        seed: of everything random.
+        figures: flat names to numbers.
+        out: another folder to write to.
+    """
+    folder = out or RESULTS
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{experiment}.json"
+    document = {
+        "experiment": experiment,
+        "scenario": scenario,
+        "seed": seed,
+        "commit": _commit(),
+        "machine": f"{platform.machine()}, {_cores()} cores, Python {platform.python_version()}",
+        "figures": {name: None if value is None else round(value, 4) for name, value in figures.items()},
+    }
+    path.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    return path
+
+
+def read_figures(experiment: str) -> dict[str, float]:
+    """Return the stored figures of an experiment."""
+    figures: dict[str, float] = json.loads((RESULTS / f"{experiment}.json").read_text(encoding="utf-8"))["figures"]
+    return figures
+
+
+def _cores() -> int:
+    import os
+
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _commit() -> str:
+    answer = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=RESULTS, capture_output=True, text=True, check=False
+    )
+    return answer.stdout.strip() or "unknown"
