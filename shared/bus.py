@@ -10,10 +10,12 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import re
 import threading
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -25,7 +27,7 @@ from prometheus_client import Counter, Gauge
 
 from shared.messages import Message, MessageError, decode, encode
 
-__all__ = ["Bus", "BusError", "Delivery", "Inbox", "Publisher", "Trace", "router"]
+__all__ = ["Bus", "BusError", "BusTimeoutError", "Delivery", "Inbox", "Publisher", "Trace", "router"]
 
 M = TypeVar("M", bound=Message)
 M_co = TypeVar("M_co", bound=Message, covariant=True)
@@ -40,6 +42,10 @@ CONNECTED = Gauge("atrium_bus_connected", "1 while a router is reachable")
 
 class BusError(RuntimeError):
     """The bus could not be opened: the text names the endpoint and the reason."""
+
+
+class BusTimeoutError(BusError):
+    """No router was reachable in the time given."""
 
 
 class Trace(msgspec.Struct, frozen=True, array_like=True):
@@ -103,6 +109,7 @@ class Inbox:
         self._capacity = capacity
         self._waiting: deque[tuple[str, bytes, bytes | None, type[Message], bool]] = deque()
         self._changed = threading.Condition()
+        self._woken = False
         self._problems: dict[tuple[str, str], int] = {}
         self._last_report = time.monotonic()
         self._last_seq: OrderedDict[str, int] = OrderedDict()
@@ -137,8 +144,9 @@ class Inbox:
     def receive(self, timeout: float) -> list[Delivery[Message]]:
         """Wait up to ``timeout`` seconds for messages and return all that wait, oldest first (possibly none)."""
         with self._changed:
-            if not self._waiting:
+            if not self._waiting and not self._woken:
                 self._changed.wait(timeout)
+            self._woken = False
             entries = list(self._waiting)
             self._waiting.clear()
         deliveries = [delivery for entry in entries if (delivery := self._open(entry)) is not None]
@@ -146,8 +154,9 @@ class Inbox:
         return deliveries
 
     def wake(self) -> None:
-        """Make a waiting ``receive`` return at once."""
+        """Make the waiting ``receive``, or the next one, return at once."""
         with self._changed:
+            self._woken = True
             self._changed.notify_all()
 
     def _make_room(self) -> None:
@@ -197,31 +206,39 @@ class Inbox:
 
 
 class Bus:
-    """One process's connection to the bus. Zenoh reconnects by itself when its router comes back.
+    """One process's connection to the bus. Zenoh reconnects by itself when its router goes away and comes back.
+
+    Opening waits for a router to be reachable: a session cannot begin without one. Ctrl-C interrupts the wait.
 
     Args:
         connect: router endpoints such as ``tcp/127.0.0.1:7447``.
-        wait: seconds to wait for a router at start; without one the bus opens anyway and connects when it can.
+        wait: give up after this many seconds; None waits for ever.
+        stopping: give up when this is set.
 
     Raises:
+        BusTimeoutError: no router was reachable in time, or ``stopping`` was set.
         BusError: an endpoint is malformed.
     """
 
-    def __init__(self, connect: list[str]) -> None:
+    def __init__(
+        self, connect: list[str], *, wait: float | None = None, stopping: threading.Event | None = None
+    ) -> None:
         config = zenoh.Config()
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("connect/endpoints", json.dumps(connect))
-        # Keep trying for ever, from a tenth of a second up to a second apart: a router may start after its services.
-        config.insert_json5("connect/timeout_ms", "-1")
-        config.insert_json5("connect/exit_on_failure", "false")
-        config.insert_json5(
-            "connect/retry", '{"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}'
-        )
-        _common(config)
         try:
-            self._session = zenoh.open(config)
+            config.insert_json5("mode", '"client"')
+            config.insert_json5("connect/endpoints", json.dumps(connect))
+            # The session's own patience; how long *we* wait for it is decided in _open.
+            config.insert_json5("connect/timeout_ms", "-1")
+            config.insert_json5("connect/exit_on_failure", "false")
+            config.insert_json5(
+                "connect/retry", '{"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}'
+            )
+            _common(config)
+            self._session = _open(config, wait, stopping)
         except zenoh.ZError as error:
-            raise BusError(f"bus: cannot open a session to {', '.join(connect)}: {error}") from error
+            raise BusError(f"bus: cannot open a session to {', '.join(connect)}: {_reason(error)}") from error
+        except TimeoutError as error:
+            raise BusTimeoutError(f"bus: no router at {', '.join(connect)}") from error
         self._declared: list[Any] = []
         CONNECTED.set_function(lambda: float(self.connected))
 
@@ -278,7 +295,11 @@ class Bus:
 
         def reply(query: zenoh.Query) -> None:
             with query:
-                query.reply(key, respond(), encoding=zenoh.Encoding.APPLICATION_JSON)
+                try:
+                    query.reply(key, respond(), encoding=zenoh.Encoding.APPLICATION_JSON)
+                except Exception:
+                    # Whoever asked gets no answer; a Zenoh thread is no place to let it fall through silently.
+                    log.exception("query not answered", key=key)
 
         self._declared.append(self._session.declare_queryable(key, reply))
 
@@ -328,7 +349,48 @@ def router(listen: str) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise BusError(f"bus: cannot listen on {listen}: {error}") from error
+        raise BusError(f"bus: cannot listen on {listen}: {_reason(error)}") from error
+
+
+def _open(config: zenoh.Config, wait: float | None, stopping: threading.Event | None) -> zenoh.Session:
+    """Open a session in a thread of its own: the wait for a router is native code that no signal could interrupt.
+
+    Raises:
+        TimeoutError: given up; should a session open later all the same, it is closed at once.
+    """
+    opened: Future[zenoh.Session] = Future()
+
+    def work() -> None:
+        try:
+            session = zenoh.open(config)
+        except BaseException as error:
+            opened.set_exception(error)
+        else:
+            opened.set_result(session)
+
+    threading.Thread(target=work, name="bus-open", daemon=True).start()
+    deadline = None if wait is None else time.monotonic() + wait
+    while True:
+        try:
+            return opened.result(timeout=0.1)
+        except TimeoutError:
+            expired = deadline is not None and time.monotonic() >= deadline
+            if opened.done() or not (expired or (stopping is not None and stopping.is_set())):
+                continue
+            opened.add_done_callback(_close_quietly)
+            raise
+
+
+def _close_quietly(opened: Future[zenoh.Session]) -> None:
+    if opened.exception() is None:
+        opened.result().close()  # type: ignore[no-untyped-call]
+
+
+def _reason(error: zenoh.ZError) -> str:
+    """Return what Zenoh says without the places in its own source code it names."""
+    text = re.sub(r" at /\S+?:\d+\.?", "", str(error))
+    wrapped = re.search(r'msg: "([^"]*)"', text)
+    return wrapped[1] if wrapped else text
 
 
 def _common(config: zenoh.Config) -> None:

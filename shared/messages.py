@@ -254,7 +254,7 @@ def decode(payload: bytes, kind: type[M]) -> M:
         decoder = _decoders[kind] = msgspec.json.Decoder(kind)
     try:
         message: M = decoder.decode(payload)
-    except (msgspec.DecodeError, ValueError) as error:
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
         raise MessageError(f"{kind.__name__}: {error}") from error
     return message
 

@@ -6,6 +6,7 @@ run, and stop cleanly within five seconds of SIGTERM or Ctrl-C.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import os
@@ -20,7 +21,7 @@ from typing import ClassVar, Generic, TypeVar, cast
 import structlog
 from prometheus_client import CONTENT_TYPE_LATEST, Gauge, generate_latest
 
-from shared.bus import Bus, BusError
+from shared.bus import Bus, BusError, BusTimeoutError
 from shared.keys import Keys
 from shared.settings import ServiceSettings, SettingsError, read_settings
 from shared.site import Site, SiteError, load_site
@@ -31,6 +32,8 @@ S = TypeVar("S", bound=ServiceSettings)
 
 STOP_WITHIN = 5.0
 log = structlog.get_logger(__name__)
+
+_problems_gauge = Gauge("atrium_problems", "Number of problems the service reports of itself")
 
 
 class ServiceError(RuntimeError):
@@ -44,8 +47,7 @@ class Health:
         self._problems: dict[str, str] = {}
         self._lock = threading.Lock()
         self.ready = threading.Event()
-        gauge = Gauge("atrium_problems", "Number of problems the service reports of itself")
-        gauge.set_function(lambda: float(len(self.problems())))
+        _problems_gauge.set_function(lambda: float(len(self.problems())))
 
     def degraded(self, topic: str, reason: str) -> None:
         """Tell that ``topic`` is not well, and why; logged when the reason changes."""
@@ -103,7 +105,7 @@ class Service(ABC, Generic[S]):
         """Do the service's work until ``self.stopping`` is set."""
 
     def stop(self) -> None:
-        """Ask the service to stop; called from a signal handler. Extend to wake up whatever ``run`` waits for."""
+        """Ask the service to stop; called from a thread of its own. Extend to wake up whatever ``run`` waits for."""
         self.stopping.set()
 
 
@@ -116,54 +118,103 @@ def run(kind: type[Service[S]], arguments: Sequence[str] | None = None) -> int:
     except (SettingsError, SiteError) as error:
         print(f"{kind.name}: {error}", file=sys.stderr)  # noqa: T201 (before logging exists)
         return 2
-    setup_logging(settings.log_level, settings.log_format)
-    structlog.contextvars.bind_contextvars(service=kind.name)
+    setup_logging(settings.log_level, settings.log_format, kind.name)
     log.info("starting", **{key: str(value) for key, value in settings.shown().items()})
+    return _live(kind, settings, site)
+
+
+def _live(kind: type[Service[S]], settings: S, site: Site) -> int:
+    """Everything after the settings are known to be right."""
     health = Health()
     stop_requested = threading.Event()
+    link = _Link(settings.bus)
     service: Service[S] | None = None
 
-    def request_stop(signum: int, _frame: object) -> None:
+    def stop(signum: int) -> None:
         log.info("stopping", signal=signal.Signals(signum).name)
+        if service is not None:
+            service.stop()
+
+    def request_stop(signum: int, _frame: object) -> None:
+        if stop_requested.is_set():
+            return
         stop_requested.set()
         # If the service hangs, leave all the same: a supervisor's patience is limited.
         watchdog = threading.Timer(STOP_WITHIN - 0.5, _leave)
         watchdog.daemon = True
         watchdog.start()
-        if service is not None:
-            service.stop()
+        # The interrupted main thread may hold the log's lock or one of the service's own: stop from another thread.
+        threading.Thread(target=stop, args=(signum,), name="stop", daemon=True).start()
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, request_stop)
     try:
-        bus = Bus(settings.bus)
-    except BusError as error:
-        log.error("cannot start", reason=str(error))
-        return 1
-    try:
-        server = _serve_health(settings, health, bus)
+        server = _serve_health(settings, health, link)
     except OSError as error:
         log.error("cannot start", reason=f"health port {settings.health_host}:{settings.health_port}: {error.strerror}")
-        bus.close()
         return 1
     status = 0
     try:
-        service = kind(settings, site, bus, health)
-        bus.announce(service.keys.alive(kind.name, service.instance))
-        if not stop_requested.is_set():
-            service.run()
-    except ServiceError as error:
+        link.open(stop_requested)
+        if link.bus is not None:
+            service = kind(settings, site, link.bus, health)
+            link.bus.announce(service.keys.alive(kind.name, service.instance))
+            if not stop_requested.is_set():
+                service.run()
+    except (BusError, ServiceError) as error:
         log.error("cannot go on", reason=str(error))
+        status = 1
+    except Exception:
+        log.exception("crashed")
         status = 1
     finally:
         server.shutdown()
-        bus.close()
+        link.close()
         log.info("stopped", status=status)
     return status
 
 
-def setup_logging(level: str, form: str) -> None:
-    """Send structured logs to standard error, as text for people or as JSON for machines."""
+class _Link:
+    """The bus as the health page sees it: perhaps not open yet."""
+
+    def __init__(self, endpoints: list[str]) -> None:
+        self.endpoints = endpoints
+        self.bus: Bus | None = None
+
+    @property
+    def connected(self) -> bool:
+        return self.bus is not None and self.bus.connected
+
+    def open(self, stop_requested: threading.Event) -> None:
+        """Wait for a router; ``bus`` stays None when the process is asked to stop meanwhile.
+
+        Raises:
+            BusError: an endpoint is malformed.
+        """
+        where = ", ".join(self.endpoints)
+        notice = threading.Timer(1.0, lambda: log.warning("waiting for a router", endpoints=where))
+        notice.daemon = True
+        notice.start()
+        with contextlib.suppress(BusTimeoutError):
+            self.bus = Bus(self.endpoints, stopping=stop_requested)
+        notice.cancel()
+
+    def close(self) -> None:
+        if self.bus is not None:
+            self.bus.close()
+
+
+def setup_logging(level: str, form: str, service: str = "") -> None:
+    """Send structured logs to standard error, as text for people or as JSON for machines.
+
+    ``service`` is named in every line, whichever thread writes it (context variables reach one thread only).
+    """
+
+    def name_service(_logger: object, _method: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
+        if service:
+            event.setdefault("service", service)
+        return event
+
     renderer: structlog.typing.Processor = (
         structlog.processors.JSONRenderer()
         if form == "json"
@@ -172,6 +223,7 @@ def setup_logging(level: str, form: str) -> None:
     structlog.configure(
         processors=[
             structlog.contextvars.merge_contextvars,
+            name_service,
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
             structlog.processors.format_exc_info,
@@ -187,11 +239,14 @@ def setup_logging(level: str, form: str) -> None:
 
 
 def _leave() -> None:
+    last_resort = threading.Timer(0.3, os._exit, (3,))  # writing the log may block too, on a full pipe
+    last_resort.daemon = True
+    last_resort.start()
     log.error("did not stop in time, leaving", seconds=STOP_WITHIN)
     os._exit(3)
 
 
-def _serve_health(settings: ServiceSettings, health: Health, bus: Bus) -> ThreadingHTTPServer:
+def _serve_health(settings: ServiceSettings, health: Health, link: _Link) -> ThreadingHTTPServer:
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             path = self.path.partition("?")[0]
@@ -201,11 +256,12 @@ def _serve_health(settings: ServiceSettings, health: Health, bus: Bus) -> Thread
                 self._send_json(200, {"status": "alive", "problems": health.problems()})
             elif path == "/readyz":
                 problems = health.problems()
-                if not bus.connected:
+                connected = link.connected
+                if not connected:
                     problems["bus"] = f"no router at {', '.join(settings.bus)}"
                 if not health.ready.is_set():
                     problems["service"] = "still starting"
-                ready = bus.connected and health.ready.is_set()
+                ready = connected and health.ready.is_set()
                 self._send_json(200 if ready else 503, {"ready": ready, "problems": problems})
             else:
                 self._send_json(404, {"detail": "only /healthz, /readyz and /metrics live here"})
