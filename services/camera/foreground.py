@@ -1,0 +1,145 @@
+"""Who stands before the background? Mixture-of-Gaussians subtraction, then person-sized templates on the mask.
+
+Per picture: a global gain correction undoes what light and exposure control did to the whole picture; MOG2
+[ravel-thesis §3.1] marks what differs from the background, its shadow test drops what is only darker; the mask is
+cleaned and handed to ``splitting``. Everything is causal: the model starts cold on the first picture, people in it
+included.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar, Literal, cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from services.camera.detector import Detections, Image
+from services.camera.splitting import PersonTemplates
+from shared.site import CameraGeometry
+
+__all__ = ["ForegroundDetector", "ForegroundOptions"]
+
+FOREGROUND = 255
+"""MOG2 marks shadows 127 and foreground 255."""
+GAIN_STEP = 8
+"""Every how many pixels the light is sampled."""
+
+
+class ForegroundOptions(BaseModel):
+    """What the foreground detector can be told. The defaults are meant to serve every site."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    learning_rate: float = Field(0.01, gt=0, le=10, description="share of the background renewed per second")
+    sensitivity: float = Field(
+        24.0, gt=1, le=200, description="squared standard deviations from the background that make foreground"
+    )
+    shadow_ratio: float = Field(0.7, gt=0, lt=1, description="down to this share of the light it is a shadow")
+    person_height: float = Field(1.65, ge=0.5, le=2.5, description="metres")
+    person_width: float = Field(0.45, ge=0.2, le=1.5, description="metres")
+    density: float = Field(0.3, gt=0, lt=1, description="filled share of a person's patch that still means nothing")
+    least_gain: float = Field(0.1, gt=0, lt=1, description="how much more of the patch must be filled")
+    picture_width: int = Field(960, ge=64, description="wider pictures are shrunk to this before anything else, pixels")
+    mask_width: int = Field(480, ge=64, description="the mask is shrunk to this before people are looked for, pixels")
+
+
+class ForegroundDetector:
+    """Background subtraction for one fixed camera.
+
+    Args:
+        geometry: of the pictures as they are delivered.
+        options: see ``ForegroundOptions``.
+    """
+
+    Options: ClassVar[type[BaseModel]] = ForegroundOptions
+
+    def __init__(self, geometry: CameraGeometry, options: ForegroundOptions | None = None) -> None:
+        self._options = options or ForegroundOptions()
+        width, height = geometry.image_size
+        self._size = _within(width, height, self._options.picture_width)
+        self._mask_size = _within(*self._size, self._options.mask_width)
+        self._scale = np.array([width, height], float) / self._mask_size
+        self._templates = PersonTemplates.build(
+            geometry.scaled_to(*self._mask_size),
+            self._options.person_height,
+            self._options.person_width,
+            self._options.density,
+        )
+        self.reset()
+
+    @property
+    def state(self) -> Literal["learning", "ready"]:
+        """``learning`` during the first five seconds, while the background still holds whoever stood there at first."""
+        return "ready" if self._seen > 1 and self._last - self._first >= 5.0 else "learning"
+
+    def reset(self) -> None:
+        """Forget the background."""
+        self._model = cv2.createBackgroundSubtractorMOG2(500, self._options.sensitivity, True)
+        self._model.setShadowThreshold(self._options.shadow_ratio)
+        self._light: NDArray[np.float32] | None = None
+        self._seen = 0
+        self._first = self._last = 0.0
+        self.mask = np.zeros(self._mask_size[::-1], np.uint8)
+
+    def detect(self, image: Image, t: float) -> Detections:
+        """Return the people in ``image``, taken at ``t``; see the protocol."""
+        if (image.shape[1], image.shape[0]) != self._size:
+            image = cast(Image, cv2.resize(image, self._size, interpolation=cv2.INTER_AREA))
+        rate = self._rate(t)
+        marked = self._model.apply(self._corrected(image, rate), learningRate=rate)
+        self.mask = self._cleaned(cast(NDArray[np.uint8], marked))
+        return self._in_picture(self._templates.split(self.mask.copy(), self._options.least_gain))
+
+    def _rate(self, t: float) -> float:
+        """Share of the background this picture renews: a plain mean at first, then the rate per second."""
+        if self._seen == 0:
+            self._first = self._last = t
+        elapsed = max(t - self._last, 0.0)
+        self._last = t
+        self._seen += 1
+        return max(1.0 - math.exp(-self._options.learning_rate * elapsed), 1.0 / (2.0 * self._seen))
+
+    def _corrected(self, image: Image, rate: float) -> Image:
+        """Divide out the median change of light per channel since the background was learned."""
+        sample = image[GAIN_STEP // 2 :: GAIN_STEP, GAIN_STEP // 2 :: GAIN_STEP].astype(np.float32)
+        if self._light is None:
+            self._light = sample
+            return image
+        # Black and burnt-out pixels do not follow the light.
+        usable = (sample > 15.0) & (sample < 240.0) & (self._light > 15.0) & (self._light < 240.0)
+        ratio = np.where(usable, self._light / np.maximum(sample, 1.0), np.nan)
+        counts = usable.sum(axis=(0, 1))
+        gain = np.ones(3)
+        for channel in np.flatnonzero(counts > 0.1 * usable[..., 0].size):
+            gain[channel] = np.nanmedian(ratio[..., channel])
+        self._light += np.float32(rate) * (sample - self._light)
+        table = np.clip(np.arange(256)[:, None] * gain + 0.5, 0, 255).astype(np.uint8)
+        return cast(Image, cv2.LUT(image, table.reshape(256, 1, 3)))
+
+    def _cleaned(self, marked: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Drop shadows and specks, close gaps; (h, w) of 0 and 1 at the mask's size."""
+        mask: Any = (marked == FOREGROUND).astype(np.uint8)
+        if (mask.shape[1], mask.shape[0]) != self._mask_size:
+            mask = (cv2.resize(mask * 255, self._mask_size, interpolation=cv2.INTER_AREA) > 127).astype(np.uint8)
+        cleaned: Any = cv2.morphologyEx(cv2.medianBlur(mask, 3), cv2.MORPH_CLOSE, _CLOSING)
+        return cast(NDArray[np.uint8], cleaned)
+
+    def _in_picture(self, found: Detections) -> Detections:
+        """Carry detections from the mask's pixels to the delivered picture's."""
+        scale = self._scale
+        return Detections(
+            (found.feet + 0.5) * scale - 0.5, found.boxes * np.concatenate([scale, scale]), found.confidence
+        )
+
+
+_CLOSING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 5))
+
+
+def _within(width: int, height: int, widest: int) -> tuple[int, int]:
+    """Return the size shrunk to at most ``widest`` pixels across."""
+    if width <= widest:
+        return width, height
+    return widest, max(round(height * widest / width), 1)
