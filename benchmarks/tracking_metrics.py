@@ -2,46 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import motmetrics
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.messages import TrackFrame
+from shared.messages import TrackFrame, positions
 
-__all__ = ["TrackingScores", "Truth", "score_tracks"]
+__all__ = ["GATE", "FramesOfTruth", "TrackingScore", "score_tracks"]
 
 GATE = 1.0
 """Metres; a track farther than this from a person does not show that person."""
 
 
+class FramesOfTruth(Protocol):
+    """Who was where, one row per person and frame; rows out of view are not scored."""
+
+    @property
+    def frame(self) -> NDArray[np.int64]:
+        """(n,) numbers of the frames."""
+        ...
+
+    @property
+    def person(self) -> NDArray[np.int64]:
+        """(n,) ids."""
+        ...
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """(n, 2) metres."""
+        ...
+
+    @property
+    def in_view(self) -> NDArray[np.bool_]:
+        """(n,) whether a camera could see the person's feet."""
+        ...
+
+
 @dataclass(frozen=True)
-class Truth:
-    """Who was really where at one time.
-
-    Attributes:
-        t: seconds.
-        person: (n,), ids.
-        places: (n, 2), metres.
-    """
-
-    t: float
-    person: NDArray[np.int64]
-    places: NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class TrackingScores:
-    """Shares between 0 and 1 (MOTA may be negative), numbers, metres."""
+class TrackingScore:
+    """Shares (MOTA may be negative), counts, and the error of matched tracks in metres (NaN if nothing matched)."""
 
     mota: float
     idf1: float
     switches: int
     precision: float
     recall: float
-    rmse_m: float
+    rmse: float
     fragmentations: int
     frames: int
 
@@ -49,49 +60,39 @@ class TrackingScores:
         """One line for a table."""
         return (
             f"MOTA {self.mota:.3f} IDF1 {self.idf1:.3f} switches {self.switches} P {self.precision:.3f} "
-            f"R {self.recall:.3f} RMSE {self.rmse_m:.3f} m over {self.frames} frames"
+            f"R {self.recall:.3f} RMSE {self.rmse:.3f} m over {self.frames} frames"
         )
 
 
-def score_tracks(truth: Iterable[Truth], frames: Iterable[TrackFrame], *, tolerance: float = 0.04) -> TrackingScores:
+def score_tracks(
+    truth: FramesOfTruth, tracks: Mapping[int, TrackFrame], first: int, last: int, gate: float = GATE
+) -> TrackingScore:
     """Compare tracks with the truth.
 
     Args:
-        truth: what was annotated, one entry per annotated time (also when nobody was there).
-        frames: what was published; for each annotated time the frame nearest in ``t`` within ``tolerance`` counts,
-            and none means nothing was tracked.
-        tolerance: seconds.
+        truth: the people really in view.
+        tracks: what was published, by number of the truth's frame; a frame without an entry counts as empty.
+        first: the first frame scored, and ``last``, the last one, inclusive.
+        last: see ``first``.
+        gate: metres.
     """
-    ordered = sorted(truth, key=lambda entry: entry.t)
-    published = sorted(frames, key=lambda frame: frame.t)
-    times = np.array([frame.t for frame in published])
     accumulator = motmetrics.MOTAccumulator(auto_id=True)
-    for entry in ordered:
-        found = _nearest(times, entry.t, tolerance)
-        tracks = np.zeros(0, np.int64) if found is None else np.asarray(published[found].track, np.int64)
-        places = np.zeros((0, 2))
-        if found is not None:
-            places = np.column_stack([published[found].x, published[found].y]).reshape(-1, 2)
-        apart = np.linalg.norm(entry.places[:, None] - places[None], axis=2)
-        accumulator.update(entry.person, tracks, np.where(apart <= GATE, apart**2, np.nan))
-    metrics = motmetrics.metrics.create()
+    for number in range(first, last + 1):
+        rows = (truth.frame == number) & truth.in_view
+        frame = tracks.get(number)
+        ids = [] if frame is None else frame.track
+        places = np.zeros((0, 2)) if frame is None else positions(frame)
+        apart = np.linalg.norm(truth.position[rows][:, None] - places[None], axis=2)
+        accumulator.update(truth.person[rows], ids, np.where(apart <= gate, apart**2, np.nan))
     names = ["mota", "motp", "idf1", "num_switches", "precision", "recall", "num_fragmentations"]
-    row = metrics.compute(accumulator, metrics=names).iloc[0]
-    return TrackingScores(
+    row = motmetrics.metrics.create().compute(accumulator, metrics=names).iloc[0]
+    return TrackingScore(
         mota=float(row["mota"]),
         idf1=float(row["idf1"]),
         switches=int(row["num_switches"]),
         precision=float(row["precision"]),
         recall=float(row["recall"]),
-        rmse_m=float(np.sqrt(row["motp"])),
+        rmse=math.sqrt(float(row["motp"])),
         fragmentations=int(row["num_fragmentations"]),
-        frames=len(ordered),
+        frames=last - first + 1,
     )
-
-
-def _nearest(times: NDArray[np.float64], t: float, tolerance: float) -> int | None:
-    if not len(times):
-        return None
-    after = int(np.searchsorted(times, t))
-    best = min((i for i in (after - 1, after) if 0 <= i < len(times)), key=lambda i: abs(times[i] - t))
-    return best if abs(times[best] - t) <= tolerance else None

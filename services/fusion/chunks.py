@@ -1,0 +1,238 @@
+"""When is a chunk of time complete? Only cameras decide; phones are never waited for.
+
+Time is cut into chunks of one period, numbered from the epoch. A chunk closes when every live camera has passed its
+end, or when some camera is ``lateness`` ahead of it. A camera has passed the end when its next frame cannot come before
+it: so a lone camera's frame closes its chunk at once. Pure: it knows no clock but the messages'.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from services.fusion.tracker import Chunk
+from shared.messages import DetectionFrame, MotionBatch, RadioScan
+
+__all__ = ["PERIOD", "Chunker", "ChunkerSettings", "Closed"]
+
+PERIOD = 1.0 / 15.0
+P = TypeVar("P", RadioScan, MotionBatch)
+
+
+@dataclass(frozen=True)
+class ChunkerSettings:
+    """How long fusion waits and what it still takes; all in seconds of event time."""
+
+    period: float = PERIOD
+    lateness: float = 0.15
+    """How far the fastest camera may be ahead before the others are no longer waited for."""
+    oldest_frame: float = 0.5
+    """A frame that came after its chunk closed goes into the next one unless it is older than this."""
+    silent: float = 2.0
+    """A camera this far behind the newest one (or three of its own intervals) is no longer waited for."""
+    oldest_phone: float = 5.0
+    """Radio and motion older than this are left to the services that look back."""
+    ahead: float = 10.0
+    """A message this far in the future of the cameras is not believed, unless the cameras follow."""
+    agree: int = 3
+    """Frames in a row that must tell the same new time before a lone camera's clock change is believed."""
+    capacity: int = 20_000
+    """Phones' messages held while no chunk closes."""
+
+
+@dataclass(frozen=True)
+class Closed:
+    """A closed chunk and the names of what it holds, in the order of consumption: frames, scans, motions."""
+
+    chunk: Chunk
+    consumed: tuple[str, ...]
+
+
+@dataclass
+class _Camera:
+    last: float
+    intervals: deque[float] = field(default_factory=lambda: deque(maxlen=16))
+    doubted: list[float] = field(default_factory=list)
+
+    def next_frame(self) -> float:
+        """The earliest time at which this camera's next frame can come."""
+        return self.last + (min(self.intervals) if self.intervals else 0.0)
+
+
+class Chunker:
+    """Collects messages and closes chunks.
+
+    Attributes:
+        dropped: how many messages were dropped, by reason.
+    """
+
+    def __init__(self, settings: ChunkerSettings | None = None) -> None:
+        self.settings = settings or ChunkerSettings()
+        self.dropped: Counter[str] = Counter()
+        self._cameras: dict[str, _Camera] = {}
+        self._frames: list[tuple[DetectionFrame, str]] = []
+        self._scans: _Waiting[RadioScan] = _Waiting()
+        self._motions: _Waiting[MotionBatch] = _Waiting()
+        self._closed = -1
+        """Number of the last chunk that may hold no more frames of its own."""
+
+    @property
+    def cameras(self) -> dict[str, float]:
+        """The time of each camera's newest frame."""
+        return {name: camera.last for name, camera in self._cameras.items()}
+
+    def resume_after(self, index: int) -> None:
+        """Close no chunk up to ``index`` again: a tracker's state taken there is restored."""
+        self._closed = max(self._closed, index)
+
+    def add_scan(self, scan: RadioScan, name: str) -> None:
+        """Take a radio scan; it leaves with the next chunk."""
+        self._hold(self._scans, scan, name, "radio")
+
+    def add_motion(self, motion: MotionBatch, name: str) -> None:
+        """Take a motion batch; it leaves with the next chunk."""
+        self._hold(self._motions, motion, name, "motion")
+
+    def add_frame(self, frame: DetectionFrame, name: str) -> list[Closed]:
+        """Take a camera's frame and return the chunks it closes, oldest first (usually none or one)."""
+        reason = self._refusal(frame)
+        if reason is not None:
+            self.dropped[reason] += 1
+            return []
+        camera = self._cameras.get(frame.camera)
+        if camera is None:
+            self._cameras[frame.camera] = _Camera(frame.t)
+        else:
+            camera.intervals.append(frame.t - camera.last)
+            camera.last = frame.t
+            camera.doubted.clear()
+        self._frames.append((frame, name))
+        return self._close()
+
+    def _index(self, t: float) -> int:
+        return math.floor(t / self.settings.period + 1e-6)
+
+    def _newest(self) -> float:
+        return max((camera.last for camera in self._cameras.values()), default=-math.inf)
+
+    def _live(self) -> list[_Camera]:
+        newest, s = self._newest(), self.settings
+        return [
+            camera
+            for camera in self._cameras.values()
+            if newest - camera.last <= max(s.silent, 3.0 * (camera.next_frame() - camera.last))
+        ]
+
+    def _refusal(self, frame: DetectionFrame) -> str | None:
+        """Why the frame cannot be used; a clock that was really set makes the chunker start anew."""
+        s = self.settings
+        if not math.isfinite(frame.t):
+            return "frame without a time"
+        camera = self._cameras.get(frame.camera)
+        others = [other for name, other in self._cameras.items() if name != frame.camera]
+        newest = max((other.last for other in others), default=-math.inf)
+        own = camera.last if camera is not None else newest
+        if not math.isfinite(own):
+            # Before any frame, a restored state or nothing at all says what time it is.
+            return "frame too old" if self._index(frame.t) < self._closed - s.oldest_frame / s.period else None
+        if frame.t == own and camera is not None:
+            return "frame twice"
+        backwards = frame.t < own - s.oldest_frame if camera is None else frame.t < own
+        far = frame.t > max(own, newest) + s.ahead
+        if not (backwards or far):
+            if self._index(frame.t) <= self._closed and frame.t < self._newest() - s.oldest_frame:
+                return "frame too late"
+            return None
+        reason = "frame from the far future" if far else "time went backwards"
+        known = camera if camera is not None else self._cameras.setdefault(frame.camera, _Camera(-math.inf))
+        steady = not known.doubted or 0.0 < frame.t - known.doubted[-1] < s.ahead
+        known.doubted = [*known.doubted, frame.t] if steady else [frame.t]
+        alone = all(abs(other.last - own) > s.silent for other in others) or not others
+        if alone and len(known.doubted) >= s.agree:
+            self._start_anew(backwards)
+            return None
+        return reason
+
+    def _start_anew(self, backwards: bool) -> None:
+        """The only camera's clock was set: drop what waits with the old time and believe the new one."""
+        if backwards:
+            self.dropped["frame of the old time"] += len(self._frames)
+            self._frames.clear()
+            self._closed = -1
+        self._cameras.clear()
+
+    def _hold(self, waiting: _Waiting[P], message: P, name: str, kind: str) -> None:
+        if not math.isfinite(message.t):
+            self.dropped[f"{kind} without a time"] += 1
+            return
+        if len(waiting) >= self.settings.capacity:
+            waiting.pop_oldest()
+            self.dropped[f"{kind} waiting for cameras"] += 1
+        waiting.append((message, name))
+
+    def _close(self) -> list[Closed]:
+        s = self.settings
+        closed: list[Closed] = []
+        slack = 0.1 * s.period
+        while self._frames:
+            # The first chunk with frames; those that came late count to the one that is open.
+            index = max(min(self._index(frame.t) for frame, _ in self._frames), self._closed + 1)
+            end = (index + 1) * s.period
+            if self._newest() < end + s.lateness and any(
+                camera.next_frame() < end - slack and camera.last < end for camera in self._live()
+            ):
+                break
+            closed.append(self._take(index, end))
+            self._closed = index
+        return closed
+
+    def _take(self, index: int, end: float) -> Closed:
+        mine = [entry for entry in self._frames if self._index(entry[0].t) <= index]
+        self._frames = [entry for entry in self._frames if self._index(entry[0].t) > index]
+        mine.sort(key=lambda entry: (entry[0].t, entry[0].camera))
+        scans = self._phones(self._scans, "radio", end)
+        motions = self._phones(self._motions, "motion", end)
+        chunk = Chunk(
+            index=index,
+            t_start=index * self.settings.period,
+            t_end=end,
+            frames=tuple(frame for frame, _ in mine),
+            scans=tuple(scan for scan, _ in scans),
+            motions=tuple(motion for motion, _ in motions),
+        )
+        return Closed(chunk, tuple(name for entries in (mine, scans, motions) for _, name in entries))
+
+    def _phones(self, waiting: _Waiting[P], kind: str, end: float) -> list[tuple[P, str]]:
+        """Return the phones' messages that leave with the chunk that ends at ``end``."""
+        leaving = []
+        for message, name in waiting.take():
+            if message.t < end - self.settings.oldest_phone:
+                self.dropped[f"{kind} too old"] += 1
+            elif message.t > end + self.settings.ahead:
+                self.dropped[f"{kind} from the far future"] += 1
+            else:
+                leaving.append((message, name))
+        return leaving
+
+
+class _Waiting(Generic[P]):
+    """Messages in order of arrival."""
+
+    def __init__(self) -> None:
+        self._entries: deque[tuple[P, str]] = deque()
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def append(self, entry: tuple[P, str]) -> None:
+        self._entries.append(entry)
+
+    def pop_oldest(self) -> None:
+        self._entries.popleft()
+
+    def take(self) -> list[tuple[P, str]]:
+        entries = list(self._entries)
+        self._entries.clear()
+        return entries

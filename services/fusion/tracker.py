@@ -1,0 +1,91 @@
+"""What a tracker is: the contract every tracker meets, and where trackers are found by name.
+
+A tracker is a pure state machine: no clock, no bus, no file. The same chunks give the same frames, to the byte; a
+tracker restored from ``state()`` goes on exactly as the one that gave it. ``tests/contract/test_trackers.py`` holds
+every registered tracker to this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from services.fusion.area_view import AreaView
+from shared.messages import DetectionFrame, MotionBatch, RadioScan, TrackFrame
+
+__all__ = ["Chunk", "Tracker", "TrackerStateError", "make_tracker", "register", "tracker_names"]
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """What fusion consumes at once, each kind in the order it was consumed.
+
+    Attributes:
+        index: number of the chunk since the epoch; grows, not always by one.
+        t_start: where its time begins, seconds since the epoch.
+        t_end: where it ends, exclusive.
+        frames: what the cameras saw; a late frame may be older than ``t_start``.
+        scans: radio scans that arrived since the chunk before, whatever their own time.
+        motions: motion batches, likewise.
+    """
+
+    index: int
+    t_start: float
+    t_end: float
+    frames: tuple[DetectionFrame, ...] = ()
+    scans: tuple[RadioScan, ...] = ()
+    motions: tuple[MotionBatch, ...] = ()
+
+
+class TrackerStateError(ValueError):
+    """A saved state does not belong to this tracker: the text says what was expected."""
+
+
+class Tracker(Protocol):
+    """Who is where after each chunk."""
+
+    name: str
+    cycle: float
+    """Seconds between the chunks it wants to be stepped with; 0 means every chunk."""
+
+    def step(self, chunk: Chunk) -> TrackFrame:
+        """Consume one chunk and return everybody. Never raises for what a chunk holds: it ignores what it cannot use."""
+        ...
+
+    def state(self) -> bytes:
+        """Return all the tracker knows, as JSON."""
+        ...
+
+    def restore(self, state: bytes) -> None:
+        """Go on from what ``state()`` of a tracker of the same name returned.
+
+        Raises:
+            TrackerStateError: the bytes are no such state; the tracker is then unchanged.
+        """
+        ...
+
+
+Factory = Callable[[AreaView, int], Tracker]
+_factories: dict[str, Factory] = {}
+
+
+def register(name: str, factory: Factory) -> None:
+    """Make a tracker available under ``name``; the factory gets the area and a seed."""
+    _factories[name] = factory
+
+
+def tracker_names() -> tuple[str, ...]:
+    """Return the names of all registered trackers."""
+    return tuple(sorted(_factories))
+
+
+def make_tracker(name: str, view: AreaView, seed: int = 0) -> Tracker:
+    """Return a new tracker.
+
+    Raises:
+        KeyError: no tracker has this name; the text lists those there are.
+    """
+    if name not in _factories:
+        raise KeyError(f"{name!r} is no tracker; allowed: {', '.join(tracker_names())}")
+    return _factories[name](view, seed)
