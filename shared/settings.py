@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from pydantic_settings import (
     PydanticBaseSettingsSource,
     SettingsConfigDict,
 )
+from pydantic_settings import SettingsError as UnreadableSettingError
 
 from shared.site.site_file import expand_environment
 
@@ -45,7 +47,7 @@ class ServiceSettings(BaseSettings):
 
     site_file: Path = Field(description="the site file (YAML)")
     profile: Literal["demo", "production"] = Field("production", description="demo accepts default secrets")
-    bus: list[str] = Field([DEFAULT_ENDPOINT], description="Zenoh router endpoints")
+    bus: list[str] = Field([DEFAULT_ENDPOINT], min_length=1, description="Zenoh router endpoints")
     instance: str = Field("", description="name of this process among its kind; empty: chosen by the service")
     health_host: str = Field("127.0.0.1", description="where /healthz, /readyz and /metrics listen")
     health_port: int = Field(0, ge=0, le=65535, description="0: any free port, printed at start")
@@ -81,19 +83,24 @@ def read_settings(kind: type[S], arguments: Sequence[str] | None = None, program
         SettingsError: a setting is missing, unknown or out of range, or a demo secret is used outside the demo.
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
-    if "--config" in arguments:
-        position = arguments.index("--config")
-        if position + 1 >= len(arguments):
-            raise SettingsError("--config: needs a file name")
-        os.environ["ATRIUM_CONFIG"] = arguments[position + 1]
-        del arguments[position : position + 2]
+    chosen = _take_config(arguments)
+    before = os.environ.get("ATRIUM_CONFIG")
+    if chosen is not None:
+        os.environ["ATRIUM_CONFIG"] = chosen
     try:
         source: CliSettingsSource[S] = CliSettingsSource(
             kind, cli_parse_args=arguments, cli_prog_name=program, cli_exit_on_error=True
         )
         settings = kind(_cli_settings_source=source)
     except ValidationError as error:
-        raise SettingsError(_explain(error)) from error
+        raise SettingsError(_explain(error, kind)) from error
+    except UnreadableSettingError as error:
+        raise SettingsError(_explain_unreadable(error)) from error
+    finally:
+        if chosen is not None:
+            os.environ.pop("ATRIUM_CONFIG")
+            if before is not None:
+                os.environ["ATRIUM_CONFIG"] = before
     if settings.profile != "demo":
         for name in kind.secrets:
             value = getattr(settings, name)
@@ -134,11 +141,46 @@ def _variable(name: str) -> str:
     return f"ATRIUM_{name.upper()}"
 
 
-def _explain(error: ValidationError) -> str:
+def _take_config(arguments: list[str]) -> str | None:
+    """Take ``--config FILE`` or ``--config=FILE`` out of the arguments and return the file's name."""
+    for position, argument in enumerate(arguments):
+        if argument == "--config":
+            if position + 1 >= len(arguments):
+                raise SettingsError("--config: needs a file name")
+            chosen = arguments[position + 1]
+            del arguments[position : position + 2]
+            return chosen
+        if argument.startswith("--config="):
+            del arguments[position]
+            return argument.partition("=")[2]
+    return None
+
+
+def _explain(error: ValidationError, kind: type[ServiceSettings]) -> str:
     lines = []
     for problem in error.errors():
-        name = str(problem["loc"][0]) if problem["loc"] else "settings"
+        message = problem["msg"].removeprefix("Value error, ")
+        if not problem["loc"]:
+            lines.append(message)
+            continue
+        name = str(problem["loc"][0])
         flag = "--" + name.replace("_", "-")
-        found = "" if problem["type"] == "missing" else f" (found {problem['input']!r})"
-        lines.append(f"{name}: {problem['msg']}{found}; set it by {flag} or {_variable(name)}")
+        hidden = problem["type"] == "missing" or _is_secret(name, kind)
+        found = "" if hidden else f" (found {problem['input']!r})"
+        lines.append(f"{name}: {message}{found}; set it by {flag} or {_variable(name)}")
     return "\n".join(lines)
+
+
+def _is_secret(name: str, kind: type[ServiceSettings]) -> bool:
+    field = kind.model_fields.get(name)
+    return name in kind.secrets or (field is not None and "Secret" in repr(field.annotation))
+
+
+def _explain_unreadable(error: UnreadableSettingError) -> str:
+    """Say which variable holds no list or mapping; pydantic-settings names the field, not the variable."""
+    match = re.search(r'field "(\w+)"', str(error))
+    if match is None:
+        return str(error)
+    name = match[1]
+    example = """ '["first", "second"]'"""
+    return f"{name}: {_variable(name)} must hold JSON, such as{example}"

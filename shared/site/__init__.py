@@ -2,7 +2,8 @@
 
 from shared.site.camera_geometry import CameraGeometry
 from shared.site.floor_plan import FloorPlan
-from shared.site.site_file import AccessPoint, Area, Camera, Floor, Site, SiteError, Source, Zone, load_site
+from shared.site.site_file import AccessPoint, Area, Camera, Floor, Site, Source, Zone
+from shared.site.site_loading import SiteError, load_site
 
 __all__ = [
     "AccessPoint",

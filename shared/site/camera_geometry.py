@@ -127,7 +127,8 @@ class CameraGeometry:
             raise GeometryError("look_at is the camera's own position")
         forward = forward / distance
         # Straight down, "upright" is undefined: the top of the picture then points along the plan's +y.
-        up = np.array([0.0, 1.0, 0.0]) if abs(forward[2]) > 0.999 else np.array([0.0, 0.0, 1.0])
+        straight = math.hypot(forward[0], forward[1]) < 1e-6
+        up = np.array([0.0, 1.0, 0.0]) if straight else np.array([0.0, 0.0, 1.0])
         right = np.cross(forward, up)
         right /= np.linalg.norm(right)
         rotation = np.stack([right, np.cross(forward, right), forward])
@@ -158,7 +159,7 @@ class CameraGeometry:
             raise GeometryError(f"{len(image)} points: at least 4 are needed")
         for name, points in (("image", image), ("plan", plan)):
             spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-            if spread[1] < 1e-3 * spread[0]:
+            if spread[1] <= 1e-3 * spread[0]:
                 raise GeometryError(f"the {name} points lie on one line")
         centre = np.array(_middle(image_size))
         best = None

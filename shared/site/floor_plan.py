@@ -34,7 +34,7 @@ class FloorPlan:
         plan = cls(
             outline=shapely.Polygon(outline),
             walls=shapely.MultiLineString([list(wall) for wall in walls]),
-            obstacles=shapely.MultiPolygon([shapely.Polygon(ring) for ring in obstacles]),
+            obstacles=_united([shapely.Polygon(ring) for ring in obstacles]),
         )
         for shape in (plan.outline, plan.walls, plan.obstacles):
             shapely.prepare(shape)
@@ -58,3 +58,10 @@ class FloorPlan:
         walls = np.asarray(self.walls.geoms, dtype=object)
         crossed: NDArray[np.int64] = shapely.intersects(lines[:, None], walls[None, :]).sum(axis=1)
         return crossed
+
+
+def _united(polygons: Sequence[shapely.Polygon]) -> shapely.MultiPolygon:
+    """Return the polygons as one valid shape: where drawn obstacles overlap, both block."""
+    union = shapely.union_all(polygons)
+    parts = [part for part in shapely.get_parts(union) if isinstance(part, shapely.Polygon)]
+    return shapely.MultiPolygon(parts)

@@ -1,7 +1,6 @@
-"""The site file: one YAML document that says what the space is; validated whole before anything starts.
+"""The site file: what may stand in the YAML document that says what the space is.
 
-Every mistake is one message that names the file, the path inside it, the value found and what is allowed.
-``docs/site.md`` is the reference for its author.
+``docs/site.md`` is the reference for its author; ``shared.site.site_loading`` reads one.
 """
 
 from __future__ import annotations
@@ -9,19 +8,17 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
-from urllib.parse import urlsplit, urlunsplit
+from urllib.parse import urlsplit
 
 import numpy as np
 import shapely
-import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, model_validator
 
 from shared.keys import is_identifier
-from shared.site.camera_geometry import CameraGeometry, GeometryError
+from shared.site.camera_geometry import CameraGeometry
 from shared.site.floor_plan import FloorPlan
 
 __all__ = [
@@ -29,18 +26,16 @@ __all__ = [
     "Area",
     "Camera",
     "Floor",
+    "Part",
+    "PointsGeometry",
+    "PoseGeometry",
     "Site",
-    "SiteError",
     "Source",
+    "TsaiGeometry",
     "Zone",
     "expand_environment",
-    "load_site",
     "redact_url",
 ]
-
-
-class SiteError(ValueError):
-    """The site file cannot be used: the text names file, path inside it, value and what is allowed."""
 
 
 def expand_environment(text: str) -> str:
@@ -54,18 +49,19 @@ def expand_environment(text: str) -> str:
         name, default = match["name"], match["default"]
         value = os.environ.get(name) or default
         if value is None:
-            raise ValueError(f"environment variable {name} is not set")
+            raise ValueError(f"environment variable {name} is {'empty' if name in os.environ else 'not set'}")
         return value
 
     return re.sub(r"\$\{(?P<name>\w+)(?::-(?P<default>[^}]*))?\}", value_of, text)
 
 
-def redact_url(url: str) -> str:
-    """Return the URL with its user name and password hidden."""
-    parts = urlsplit(url)
-    if "@" not in parts.netloc:
-        return url
-    return urlunsplit(parts._replace(netloc="***@" + parts.netloc.rsplit("@", 1)[1]))
+_CREDENTIALS = re.compile(r"(?<=://)[^\s'\"]*@")
+_SECRET_PARAMETER = re.compile(r"(?i)\b(\w*(?:user|usr|login|pass|pwd|pw|token|key|secret|auth)\w*=)[^&#\s'\"]*")
+
+
+def redact_url(text: str) -> str:
+    """Return the text with what URLs in it say of users, passwords and tokens hidden; made for logs and messages."""
+    return _SECRET_PARAMETER.sub(r"\1***", _CREDENTIALS.sub("***@", text))
 
 
 def _identifier(text: str) -> str:
@@ -84,16 +80,19 @@ def _simple_polygon(ring: list[tuple[float, float]]) -> list[tuple[float, float]
     if len(ring) < 3:
         raise ValueError(f"a polygon needs at least 3 corners, this one has {len(ring)}")
     polygon = shapely.Polygon(ring)
+    if polygon.convex_hull.area <= 0.0:
+        raise ValueError("the polygon encloses no area: its corners lie on one line")
     if not polygon.is_valid:
         raise ValueError(f"the polygon must not cross or touch itself ({shapely.is_valid_reason(polygon)})")
-    if polygon.area <= 0.0:
-        raise ValueError("the polygon encloses no area")
     return ring
 
 
 def _inside_folder(path: Path, info: ValidationInfo) -> Path:
     """Read a path as the site file's author means it: relative to the file, with environment variables."""
-    expanded = Path(expand_environment(str(path))).expanduser()
+    try:
+        expanded = Path(expand_environment(str(path))).expanduser()
+    except RuntimeError as error:  # ~somebody who is not here
+        raise ValueError(str(error)) from error
     folder = (info.context or {}).get("folder", Path())
     return expanded if expanded.is_absolute() else (folder / expanded).resolve()
 
@@ -108,18 +107,20 @@ Url = Annotated[str, AfterValidator(expand_environment)]
 ImageSize = tuple[Annotated[int, Field(ge=16, le=16384)], Annotated[int, Field(ge=16, le=16384)]]
 
 
-class _Part(BaseModel):
+class Part(BaseModel):
+    """Any mapping of the site file; an unknown key is a mistake."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Obstacle(_Part):
+class Obstacle(Part):
     """Something nobody stands in: an exhibit, a pillar, a counter."""
 
     id: Identifier
     polygon: Polygon
 
 
-class Floor(_Part):
+class Floor(Part):
     """One storey; positions are only comparable on the same floor."""
 
     id: Identifier
@@ -134,14 +135,14 @@ class Floor(_Part):
         return FloorPlan.build(self.outline, self.walls, [obstacle.polygon for obstacle in self.obstacles])
 
 
-class Area(_Part):
+class Area(Part):
     """What one fusion process tracks; an area lies on one floor."""
 
     id: Identifier
     floor: Identifier
 
 
-class Source(_Part):
+class Source(Part):
     """Where a camera's pictures come from: exactly one of ``file``, ``folder``, ``url``, ``device``."""
 
     file: SitePath | None = None
@@ -171,7 +172,7 @@ class Source(_Part):
         return str(self.file or self.folder or f"device {self.device}")
 
 
-class TsaiGeometry(_Part):
+class TsaiGeometry(Part):
     """A Tsai calibration file in XML."""
 
     kind: Literal["tsai"]
@@ -182,7 +183,7 @@ class TsaiGeometry(_Part):
         return CameraGeometry.from_tsai_file(self.file)
 
 
-class PointsGeometry(_Part):
+class PointsGeometry(Part):
     """At least four pairs of a pixel and the place on the floor it shows."""
 
     kind: Literal["points"]
@@ -195,7 +196,7 @@ class PointsGeometry(_Part):
         return CameraGeometry.from_points(self.image_size, np.array(self.image), np.array(self.plan))
 
 
-class PoseGeometry(_Part):
+class PoseGeometry(Part):
     """How the camera was mounted: position, the point in the centre of its picture, angle of view in degrees."""
 
     kind: Literal["pose"]
@@ -210,7 +211,7 @@ class PoseGeometry(_Part):
         return CameraGeometry.from_pose(self.image_size, self.position, self.look_at, fov)
 
 
-class Camera(_Part):
+class Camera(Part):
     """One camera: its pictures, its geometry, and which part of its picture matters."""
 
     id: Identifier
@@ -223,7 +224,7 @@ class Camera(_Part):
     """Seconds between the light and the arrival of the frame, for live sources."""
 
 
-class AccessPoint(_Part):
+class AccessPoint(Part):
     """A radio at a known place: its position, the addresses it transmits with, and a first guess of its strength."""
 
     id: Identifier
@@ -236,7 +237,7 @@ class AccessPoint(_Part):
     path_loss_exponent: Annotated[Number, Field(ge=1, le=6)] = 2.2
 
 
-class Zone(_Part):
+class Zone(Part):
     """A polygon with a name whose crossings are told."""
 
     id: Identifier
@@ -246,7 +247,7 @@ class Zone(_Part):
     alert_on: list[Literal["enter", "exit"]] = ["enter", "exit"]
 
 
-class Site(_Part):
+class Site(Part):
     """Everything the site file says."""
 
     format: Literal["atrium-site/1"]
@@ -282,33 +283,6 @@ class Site(_Part):
         return math.radians(self.north)
 
 
-def load_site(path: str | Path) -> Site:
-    """Read and check a site file.
-
-    Raises:
-        SiteError: the file is missing, is not YAML, or anything in it is wrong; all mistakes are named at once.
-    """
-    path = Path(path)
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SiteError(f"{path}: cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise SiteError(f"{path}: not YAML: {error}") from error
-    if not isinstance(document, dict):
-        raise SiteError(
-            f"{path}: must hold a mapping with 'format', 'site', 'floors' …, found {type(document).__name__}"
-        )
-    try:
-        site = Site.model_validate(document, context={"folder": path.parent.resolve()})
-    except ValidationError as error:
-        raise SiteError(_explain(path, error)) from error
-    problems = list(_cross_check(site))
-    if problems:
-        raise SiteError("\n".join(f"{path}: {problem}" for problem in problems))
-    return site
-
-
 P = TypeVar("P", Floor, Area, Camera)
 
 
@@ -318,58 +292,3 @@ def _by_id(parts: Sequence[P], wanted: str) -> P:
             return part
     known = ", ".join(part.id for part in parts) or "none"
     raise KeyError(f"{wanted!r} is not in the site file; it has: {known}")
-
-
-def _explain(path: Path, error: ValidationError) -> str:
-    lines = []
-    for problem in error.errors():
-        place = ""
-        for step in problem["loc"]:
-            # pydantic puts the chosen variant of a tagged union into the path; the file has no such level.
-            if step not in ("tsai", "points", "pose"):
-                place += f"[{step}]" if isinstance(step, int) else f".{step}" if place else str(step)
-        message = problem["msg"].removeprefix("Value error, ")
-        value = problem["input"]
-        shown = "" if isinstance(value, dict) or problem["type"] == "missing" else f" (found {_shorten(value)})"
-        lines.append(f"{path}: {place or 'document'}: {message}{shown}")
-    return "\n".join(lines)
-
-
-def _shorten(value: object) -> str:
-    text = repr(redact_url(value) if isinstance(value, str) else value)
-    return text if len(text) <= 120 else text[:117] + "..."
-
-
-def _cross_check(site: Site) -> Iterable[str]:
-    """Yield what single fields cannot show: names used twice, names that lead nowhere, cameras that see no floor."""
-    for name in ("floors", "areas", "cameras", "access_points", "zones"):
-        counts = Counter(part.id for part in getattr(site, name))
-        yield from (
-            f"{name}: id {key!r} is used {count} times, ids must differ" for key, count in counts.items() if count > 1
-        )
-    addresses = Counter(address.lower() for point in site.access_points for address in point.addresses)
-    for address, count in addresses.items():
-        if count > 1:
-            yield f"access_points: address {address!r} stands at {count} places; one address, one access point"
-    floors = {floor.id for floor in site.floors}
-    areas = {area.id for area in site.areas}
-    for name in ("areas", "access_points", "zones"):
-        for index, part in enumerate(getattr(site, name)):
-            if part.floor not in floors:
-                yield f"{name}[{index}].floor: {part.floor!r} is no floor; allowed: {', '.join(sorted(floors))}"
-    for index, camera in enumerate(site.cameras):
-        if camera.area not in areas:
-            yield f"cameras[{index}].area: {camera.area!r} is no area; allowed: {', '.join(sorted(areas))}"
-        try:
-            geometry = camera.geometry.build()
-        except GeometryError as error:
-            yield f"cameras[{index}].geometry: {error}"
-            continue
-        width, height = geometry.image_size
-        grid = np.stack(np.meshgrid(np.linspace(0, width - 1, 16), np.linspace(0, height - 1, 16)), axis=-1)
-        if not np.isfinite(geometry.to_ground(grid.reshape(-1, 2))).any():
-            yield f"cameras[{index}].geometry: no pixel of this camera sees the floor"
-        for u, v in camera.area_of_interest or []:
-            if not (0 <= u <= width and 0 <= v <= height):
-                yield f"cameras[{index}].area_of_interest: ({u:g}, {v:g}) lies outside the {width} x {height} picture"
-                break
