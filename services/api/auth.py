@@ -1,0 +1,118 @@
+"""Who may read what: staff API keys with scopes, deny by default.
+
+A plain ASGI layer rather than a dependency per route, so that a hot read pays microseconds for it and no route can be
+forgotten: a path nobody listed needs a key too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+from collections.abc import Iterable
+
+from starlette.types import ASGIApp, Receive, Send
+from starlette.types import Scope as Connection
+
+from services.api.problems import Problem, problem_response
+from services.api.settings import ApiKey, Scope
+
+__all__ = ["OPEN_PATHS", "SCOPES", "Guard", "KeyRing"]
+
+OPEN_PATHS = frozenset({"/", "/docs", "/openapi.json"})
+"""Documentation tells nothing about anybody."""
+
+SCOPES: dict[str, Scope] = {
+    "positions": "positions",
+    "tracks": "positions",
+    "stream": "positions",
+    "alerts": "alerts",
+    "zones": "site",
+    "site": "site",
+    "cameras": "site",
+    "health": "health",
+}
+"""The scope that the first part of a path below ``/v1/`` asks for."""
+
+
+class KeyRing:
+    """The keys that open something. Only digests are kept."""
+
+    def __init__(self, keys: Iterable[ApiKey]) -> None:
+        self._keys = [(_digest(key.key.get_secret_value().encode()), frozenset(key.scopes)) for key in keys]
+
+    def scopes_of(self, presented: bytes) -> frozenset[Scope] | None:
+        """Return what ``presented`` may read, None if it is no key; the time taken does not depend on which it is."""
+        digest = _digest(presented)
+        found = None
+        for known, scopes in self._keys:
+            if hmac.compare_digest(known, digest):
+                found = scopes
+        return found
+
+
+class Guard:
+    """ASGI layer that lets a request through only with a key that has the path's scope."""
+
+    def __init__(self, app: ASGIApp, ring: KeyRing) -> None:
+        self._app = app
+        self._ring = ring
+
+    async def __call__(self, connection: Connection, receive: Receive, send: Send) -> None:
+        """Answer 401 or 403, or hand the request on."""
+        if connection["type"] == "lifespan" or connection["path"] in OPEN_PATHS:
+            await self._app(connection, receive, send)
+            return
+        presented = _presented(connection)
+        scopes = None if presented is None else self._ring.scopes_of(presented)
+        problem = _refusal(connection["path"], presented, scopes)
+        if problem is None:
+            connection.setdefault("state", {})["scopes"] = scopes
+            await self._app(connection, receive, send)
+            return
+        headers = {"WWW-Authenticate": 'Bearer realm="atrium"'} if problem.status == 401 else None
+        await problem_response(problem, headers)(connection, receive, send)
+
+
+def _refusal(path: str, presented: bytes | None, scopes: frozenset[Scope] | None) -> Problem | None:
+    if scopes is None:
+        return Problem(
+            type="urn:atrium:unauthorized",
+            title="No valid key",
+            status=401,
+            detail="this path needs an API key: send 'Authorization: Bearer KEY' or 'X-API-Key: KEY'",
+            field="Authorization",
+            found="no key" if presented is None else "a key that is not known",
+            allowed="a key from the setting api_keys",
+        )
+    needed = _needed_scope(path)
+    if needed is not None and needed not in scopes:
+        return Problem(
+            type="urn:atrium:forbidden",
+            title="Scope missing",
+            status=403,
+            detail=f"this key may not read {needed}",
+            field="Authorization",
+            found=f"a key with the scopes {', '.join(sorted(scopes)) or 'none'}",
+            allowed=f"a key with the scope {needed}",
+        )
+    return None
+
+
+def _needed_scope(path: str) -> Scope | None:
+    parts = path.split("/", 3)
+    return SCOPES.get(parts[2]) if len(parts) > 2 and parts[1] == "v1" else None
+
+
+def _presented(connection: Connection) -> bytes | None:
+    for name, value in connection["headers"]:
+        if name == b"authorization" and value[:7].lower() == b"bearer ":
+            bearer: bytes = value[7:].strip()
+            return bearer
+        if name == b"x-api-key":
+            key: bytes = value.strip()
+            return key
+    return None
+
+
+def _digest(key: bytes) -> bytes:
+    return hashlib.sha256(key).digest()

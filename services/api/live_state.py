@@ -1,0 +1,322 @@
+"""What is true now: the newest tracks, last known positions, alerts and camera statuses, and their ready-made bytes.
+
+Touched by one thread only (the HTTP event loop), so it needs no locks. Time comes in as an argument. Everything kept
+is bounded: frames by the number of areas, positions and alerts by settings.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+import shapely
+
+from services.api.replies import (
+    Alerts,
+    AreaFreshness,
+    CameraReport,
+    Cameras,
+    Position,
+    Positions,
+    Reply,
+    Track,
+    Tracks,
+    ZoneReport,
+    Zones,
+)
+from shared.messages import Alert, CameraStatus, TrackFrame
+from shared.site import Site
+
+__all__ = ["LiveState"]
+
+REBUILD_AFTER = 0.2
+"""Seconds after which ready-made bytes are built anew even when nothing came: ages must grow."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Arrived:
+    frame: TrackFrame
+    origin: float
+    """Wall clock at which what the frame was made from reached the system; ages count from here."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Fix:
+    arrived: _Arrived
+    index: int
+
+
+class _ReadyBytes:
+    """Bytes of one reply, built at most once per change and once per ``REBUILD_AFTER``."""
+
+    __slots__ = ("_build", "_built_at", "_bytes", "_version")
+
+    def __init__(self, build: Callable[[float], Reply]) -> None:
+        self._build = build
+        self._bytes = b""
+        self._built_at = -math.inf
+        self._version = -1
+
+    def at(self, now: float, version: int) -> bytes:
+        if version != self._version or not 0.0 <= now - self._built_at < REBUILD_AFTER:
+            self._bytes = msgspec.json.encode(self._build(now))
+            self._built_at = now
+            self._version = version
+        return self._bytes
+
+
+class LiveState:
+    """The present state of one site as the API tells it.
+
+    Args:
+        site: what is where.
+        positions_kept: seconds a device's last position is told after its source was received.
+        tracks_kept: the same for the tracks of an area.
+        alerts_kept: how many alerts are held, oldest dropped first.
+    """
+
+    def __init__(self, site: Site, positions_kept: float, tracks_kept: float, alerts_kept: int) -> None:
+        self._site = site
+        self._positions_kept = positions_kept
+        self._tracks_kept = tracks_kept
+        self._alerts_kept = alerts_kept
+        self._version = 0
+        self._newest: dict[str, _Arrived] = {}
+        self._fixes: dict[str, _Fix] = {}
+        self._statuses: dict[str, tuple[CameraStatus, float]] = {}
+        self._alerts: list[Alert] = []
+        self._alert_ids: set[str] = set()
+        self._polygons = [shapely.Polygon(zone.polygon) for zone in site.zones]
+        shapely.prepare(self._polygons)
+        self._positions = _ReadyBytes(self._build_positions)
+        self._tracks: dict[str | None, _ReadyBytes] = {}
+        for area in (None, *(area.id for area in site.areas)):
+            self._tracks[area] = _ReadyBytes(lambda now, area=area: self._build_tracks(now, area))  # type: ignore[misc]
+        self._zones = _ReadyBytes(self._build_zones)
+        self._cameras = _ReadyBytes(lambda now: Cameras(t=now, cameras=self.cameras(now)))
+
+    def take_tracks(self, frame: TrackFrame, origin: float) -> bool:
+        """Take in a frame; False where its area is not in the site file, or an older frame than the one held."""
+        if frame.area not in self._tracks:
+            return False
+        held = self._newest.get(frame.area)
+        if held is not None and frame.t < held.frame.t and origin <= held.origin:
+            return False
+        arrived = _Arrived(frame, origin)
+        self._newest[frame.area] = arrived
+        for index, device in enumerate(frame.device):
+            if device is not None:
+                known = self._fixes.get(device)
+                # Two tracks of one frame may claim a device while it changes hands: the surer one has it.
+                if known is None or known.arrived is not arrived or _surer(arrived.frame, index, known.index):
+                    self._fixes[device] = _Fix(arrived, index)
+        self._version += 1
+        return True
+
+    def take_alert(self, alert: Alert) -> bool:
+        """Take in an alert; False where it is known already (caches are told again when a router comes back)."""
+        if alert.id in self._alert_ids:
+            return False
+        if len(self._alerts) >= self._alerts_kept:
+            if alert.t < self._alerts[0].t:
+                return False
+            self._alert_ids.discard(self._alerts.pop(0).id)
+        self._alert_ids.add(alert.id)
+        bisect.insort(self._alerts, alert, key=lambda held: held.t)
+        return True
+
+    def take_status(self, status: CameraStatus, now: float) -> bool:
+        """Take in a camera's status; False where the camera is not in the site file or a newer status is held."""
+        held = self._statuses.get(status.camera)
+        if held is not None and status.t < held[0].t:
+            return False
+        if all(camera.id != status.camera for camera in self._site.cameras):
+            return False
+        self._statuses[status.camera] = (status, now)
+        self._version += 1
+        return True
+
+    def forget(self, now: float) -> None:
+        """Drop the positions that are too old to be told; call once in a while, so that memory is bounded."""
+        for name in [name for name, fix in self._fixes.items() if now - fix.arrived.origin > self._positions_kept]:
+            del self._fixes[name]
+
+    def positions_json(self, now: float) -> bytes:
+        """Return the body of ``GET /v1/positions``."""
+        return self._positions.at(now, self._version)
+
+    def position(self, device: str, now: float) -> Position | None:
+        """Return where one device is, None if it has not been located lately."""
+        fix = self._fixes.get(device)
+        if fix is None or now - fix.arrived.origin > self._positions_kept:
+            return None
+        return self._told(device, fix, now)
+
+    def tracks_json(self, area: str | None, now: float) -> bytes:
+        """Return the body of ``GET /v1/tracks`` for one area (KeyError if the site has none such) or for all."""
+        return self._tracks[area].at(now, self._version)
+
+    def zones_json(self, now: float) -> bytes:
+        """Return the body of ``GET /v1/zones``."""
+        return self._zones.at(now, self._version)
+
+    def cameras_json(self, now: float) -> bytes:
+        """Return the body of ``GET /v1/cameras``."""
+        return self._cameras.at(now, self._version)
+
+    def alerts(self, now: float, since: float | None, zone: str | None, limit: int) -> Alerts:
+        """Return the newest ``limit`` alerts measured after ``since``, newest first."""
+        found: list[Alert] = []
+        for alert in reversed(self._alerts):
+            if len(found) >= limit or (since is not None and alert.t <= since):
+                break
+            if zone is None or alert.zone == zone:
+                found.append(alert)
+        return Alerts(t=now, alerts=found)
+
+    def alerts_after(self, alert_id: str) -> list[Alert]:
+        """Return the alerts after the one named, oldest first; none where it is not known (any more)."""
+        if alert_id not in self._alert_ids:
+            return []
+        place = next(index for index, alert in enumerate(self._alerts) if alert.id == alert_id)
+        return self._alerts[place + 1 :]
+
+    def frames(self) -> list[TrackFrame]:
+        """Return the newest frame of each area heard of."""
+        return [arrived.frame for arrived in self._newest.values()]
+
+    def cameras(self, now: float) -> list[CameraReport]:
+        """Return how each camera of the site is doing."""
+        return [self._camera(camera.id, camera.area, now) for camera in self._site.cameras]
+
+    def camera(self, camera_id: str, now: float) -> CameraReport:
+        """Return how one camera of the site is doing (KeyError if the site has none such)."""
+        return self._camera(camera_id, self._site.camera(camera_id).area, now)
+
+    def areas(self, now: float) -> list[AreaFreshness]:
+        """Return when each area was last heard of."""
+        reports = []
+        for area in self._site.areas:
+            arrived = self._newest.get(area.id)
+            if arrived is None:
+                reports.append(AreaFreshness(area=area.id, t=None, age=None, people=0))
+            else:
+                age = _age(now, arrived.origin)
+                people = len(arrived.frame.track) if age <= self._tracks_kept else 0
+                reports.append(AreaFreshness(area=area.id, t=arrived.frame.t, age=age, people=people))
+        return reports
+
+    def _build_positions(self, now: float) -> Positions:
+        self.forget(now)
+        return Positions(t=now, positions=[self._told(name, fix, now) for name, fix in self._fixes.items()])
+
+    def _told(self, device: str, fix: _Fix, now: float) -> Position:
+        frame, index = fix.arrived.frame, fix.index
+        fresh = self._newest.get(frame.area) is fix.arrived
+        return Position(
+            device=device,
+            area=frame.area,
+            floor=frame.floor[index],
+            x=frame.x[index],
+            y=frame.y[index],
+            covariance=frame.covariance[index],
+            vx=frame.vx[index],
+            vy=frame.vy[index],
+            t=frame.t,
+            age=_age(now, fix.arrived.origin),
+            track=frame.track[index],
+            probability=frame.probability[index],
+            state=frame.state[index] if fresh else "lost",
+        )
+
+    def _present(self, now: float) -> list[_Arrived]:
+        return [arrived for arrived in self._newest.values() if now - arrived.origin <= self._tracks_kept]
+
+    def _build_tracks(self, now: float, area: str | None) -> Tracks:
+        return Tracks(
+            t=now,
+            tracks=[
+                Track(
+                    track=track,
+                    area=frame.area,
+                    floor=frame.floor[i],
+                    x=frame.x[i],
+                    y=frame.y[i],
+                    covariance=frame.covariance[i],
+                    vx=frame.vx[i],
+                    vy=frame.vy[i],
+                    t=frame.t,
+                    age=_age(now, arrived.origin),
+                    state=frame.state[i],
+                    device=frame.device[i],
+                    probability=frame.probability[i],
+                    runner_up=frame.runner_up[i],
+                    runner_up_probability=frame.runner_up_probability[i],
+                    former=frame.former[i],
+                    quality=frame.quality[i],
+                )
+                for arrived in self._present(now)
+                if area is None or arrived.frame.area == area
+                for frame in (arrived.frame,)
+                for i, track in enumerate(frame.track)
+            ],
+        )
+
+    def _build_zones(self, now: float) -> Zones:
+        frames = [arrived.frame for arrived in self._present(now)]
+        floor = np.array([name for frame in frames for name in frame.floor], dtype=object)
+        x = np.array([value for frame in frames for value in frame.x], dtype=float)
+        y = np.array([value for frame in frames for value in frame.y], dtype=float)
+        return Zones(
+            t=now,
+            zones=[
+                ZoneReport(
+                    id=zone.id,
+                    name=zone.name,
+                    floor=zone.floor,
+                    polygon=zone.polygon,
+                    alert_on=zone.alert_on,
+                    inside=int(np.sum(shapely.intersects_xy(polygon, x, y) & (floor == zone.floor))),
+                )
+                for zone, polygon in zip(self._site.zones, self._polygons, strict=True)
+            ],
+        )
+
+    def _camera(self, camera: str, area: str, now: float) -> CameraReport:
+        held = self._statuses.get(camera)
+        if held is None:
+            return CameraReport(
+                camera=camera,
+                area=area,
+                state="unknown",
+                reason="has not reported yet",
+                frames=0,
+                dropped=0,
+                frames_per_s=0.0,
+                t=None,
+                age=None,
+            )
+        status, received = held
+        return CameraReport(
+            camera=camera,
+            area=area,
+            state=status.state,
+            reason=status.reason,
+            frames=status.frames,
+            dropped=status.dropped,
+            frames_per_s=status.frames_per_s,
+            t=status.t,
+            age=_age(now, received),
+        )
+
+
+def _age(now: float, origin: float) -> float:
+    return round(max(0.0, now - origin), 3)
+
+
+def _surer(frame: TrackFrame, index: int, than: int) -> bool:
+    return frame.probability[index] > frame.probability[than]

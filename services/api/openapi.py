@@ -1,0 +1,68 @@
+"""The OpenAPI document: schemas and examples come from the very Structs that make the replies."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from services.api.problems import MEDIA_TYPE, Problem
+from services.api.replies import EXAMPLES, CameraReport, Reply, TrackColumns
+from shared.messages import Alert
+
+__all__ = ["describe", "documented", "error"]
+
+_REFERENCE = "#/components/schemas/{name}"
+
+DESCRIPTION = """\
+Who is where, in metres, now. Read-only; every path below `/v1` needs an API key:
+`Authorization: Bearer KEY` or `X-API-Key: KEY`. Times are seconds since the epoch (UTC), lengths metres,
+covariances `[xx, xy, yy]` in m². Errors are problem details (RFC 9457) that name field, found and allowed."""
+
+
+def documented(body: type[Reply], *errors: int) -> dict[int | str, dict[str, Any]]:
+    """Return the ``responses`` of a route that answers ``body`` or one of ``errors``."""
+    content = {"schema": {"$ref": _REFERENCE.format(name=body.__name__)}, "example": EXAMPLES[body]}
+    answers: dict[int | str, dict[str, Any]] = {
+        200: {"description": (body.__doc__ or "").strip(), "content": {"application/json": content}}
+    }
+    return answers | {status: error(status) for status in (401, 403, *errors)}
+
+
+def error(status: int) -> dict[str, Any]:
+    """Return the description of one error answer."""
+    what = {
+        401: "no valid key",
+        403: "the key lacks the scope",
+        404: "an id that names nothing",
+        422: "a value out of range",
+        503: "too many streams are open; try again after Retry-After seconds",
+    }[status]
+    return {"description": what, "content": {MEDIA_TYPE: {"schema": {"$ref": _REFERENCE.format(name="Problem")}}}}
+
+
+def describe(app: FastAPI) -> None:
+    """Give ``app`` its OpenAPI document, built at the first request for it."""
+
+    def document() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            schema = get_openapi(title=app.title, version=app.version, description=DESCRIPTION, routes=app.routes)
+            structs = [*EXAMPLES, Alert, CameraReport, TrackColumns, Problem]
+            _, components = msgspec.json.schema_components(structs, ref_template=_REFERENCE)
+            parts = schema.setdefault("components", {})
+            parts["schemas"] = components
+            parts["securitySchemes"] = {
+                "bearer": {"type": "http", "scheme": "bearer"},
+                "header": {"type": "apiKey", "in": "header", "name": "X-API-Key"},
+            }
+            schema["security"] = [{"bearer": []}, {"header": []}]
+            for path in schema["paths"].values():
+                for operation in path.values():
+                    if "422" in operation["responses"]:
+                        operation["responses"]["422"] = error(422)
+            app.openapi_schema = schema
+        return app.openapi_schema
+
+    app.openapi = document  # type: ignore[method-assign]

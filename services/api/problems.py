@@ -1,0 +1,127 @@
+"""How every error looks: RFC 9457 problem details that name the field, what was found and what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import msgspec
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+__all__ = ["MEDIA_TYPE", "Problem", "ProblemError", "problem_response", "tell_problems"]
+
+MEDIA_TYPE = "application/problem+json"
+
+_ALLOWED = {
+    "limit": "a whole number from 1 to 1000",
+    "since": "seconds since the epoch (UTC), a finite number such as 1767225600.0",
+}
+
+
+class Problem(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=False):
+    """One error (RFC 9457). ``field``, ``found`` and ``allowed`` are null where no single input is to blame."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    field: str | None = None
+    found: str | None = None
+    allowed: str | None = None
+
+
+class ProblemError(Exception):
+    """Raise to answer with a problem."""
+
+    def __init__(self, problem: Problem, headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(problem.detail)
+        self.problem = problem
+        self.headers = headers
+
+
+def unknown(what: str, found: str, allowed: list[str] | None = None) -> ProblemError:
+    """Return the 404 for an id that names nothing; ``allowed`` lists the ids there are, where that is no secret."""
+    listed = None if allowed is None else ", ".join(allowed) or "none: the site file names no " + what
+    return ProblemError(
+        Problem(
+            type=f"urn:atrium:unknown-{what}",
+            title=f"Unknown {what}",
+            status=404,
+            detail=f"there is no {what} {_shorten(found)!r}"
+            + ("" if listed is None else f"; allowed: {listed}" if allowed else f" ({listed})"),
+            field=what,
+            found=_shorten(found),
+            allowed=listed,
+        )
+    )
+
+
+def problem_response(problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
+    """Return the HTTP response that carries ``problem``."""
+    return Response(
+        msgspec.json.encode(problem),
+        status_code=problem.status,
+        media_type=MEDIA_TYPE,
+        headers=None if headers is None else dict(headers),
+    )
+
+
+def tell_problems(app: FastAPI) -> None:
+    """Make ``app`` answer every error in this one shape."""
+
+    @app.exception_handler(ProblemError)
+    async def raised(_: Request, error: ProblemError) -> Response:
+        return problem_response(error.problem, error.headers)
+
+    @app.exception_handler(RequestValidationError)
+    async def invalid(_: Request, error: RequestValidationError) -> Response:
+        first = error.errors()[0]
+        field = str(first["loc"][-1]) if first["loc"] else "request"
+        found = _shorten(str(first.get("input")))
+        allowed = _ALLOWED.get(field, str(first["msg"]))
+        return problem_response(
+            Problem(
+                type="urn:atrium:invalid-value",
+                title="Invalid value",
+                status=422,
+                detail=f"{field}: found {found!r}, allowed: {allowed}",
+                field=field,
+                found=found,
+                allowed=allowed,
+            )
+        )
+
+    @app.exception_handler(HTTPException)
+    async def refused(request: Request, error: HTTPException) -> Response:
+        allowed = (error.headers or {}).get("Allow")
+        wrong_method = error.status_code == 405
+        title = "Method not allowed" if wrong_method else "Not found" if error.status_code == 404 else "Refused"
+        return problem_response(
+            Problem(
+                type="urn:atrium:" + title.lower().replace(" ", "-"),
+                title=title,
+                status=error.status_code,
+                detail=f"{request.method} {_shorten(request.url.path)}: {error.detail}",
+                field="method" if wrong_method else "path",
+                found=request.method if wrong_method else _shorten(request.url.path),
+                allowed=allowed if wrong_method else "the paths listed at /docs",
+            ),
+            error.headers,
+        )
+
+    @app.exception_handler(Exception)
+    async def failed(_: Request, __: Exception) -> Response:
+        return problem_response(
+            Problem(
+                type="urn:atrium:internal",
+                title="Internal error",
+                status=500,
+                detail="the request failed for a reason of ours; it stands in the log of the api service",
+            )
+        )
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= 100 else text[:97] + "..."

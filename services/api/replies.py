@@ -1,0 +1,359 @@
+"""What the API answers: one Struct per body, from which both the bytes and the OpenAPI schemas are made.
+
+Units as on the bus: metres, seconds since the epoch (UTC), m/s; covariances (xx, xy, yy) in m².
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import msgspec
+
+from shared.messages import Alert, Covariance
+
+__all__ = [
+    "Alerts",
+    "AreaFreshness",
+    "CameraReport",
+    "Cameras",
+    "HealthReport",
+    "Position",
+    "Positions",
+    "ServicePresence",
+    "SiteView",
+    "Track",
+    "TrackColumns",
+    "Tracks",
+    "Zones",
+]
+
+Ring = list[tuple[float, float]]
+
+
+class Reply(msgspec.Struct, frozen=True, kw_only=True):
+    """What every body is."""
+
+
+class Position(Reply, frozen=True, kw_only=True):
+    """Where one device is, as of ``t``; ``age`` is how many seconds ago its source was received."""
+
+    device: str
+    area: str
+    floor: str
+    x: float
+    y: float
+    covariance: Covariance
+    vx: float
+    vy: float
+    t: float
+    age: float
+    track: int
+    probability: float
+    """Of the device being this person's."""
+    state: Literal["confirmed", "coasting", "lost"]
+    """``lost``: no person in the area's newest frame carries it; this is where it was last."""
+
+
+class Positions(Reply, frozen=True, kw_only=True):
+    """All devices located now or lately; ``t`` is when the ages were taken."""
+
+    t: float
+    positions: list[Position]
+
+
+class Track(Reply, frozen=True, kw_only=True):
+    """One person, known or anonymous."""
+
+    track: int
+    area: str
+    floor: str
+    x: float
+    y: float
+    covariance: Covariance
+    vx: float
+    vy: float
+    t: float
+    age: float
+    state: Literal["confirmed", "coasting"]
+    device: str | None
+    probability: float
+    runner_up: str | None
+    runner_up_probability: float
+    former: list[int]
+    quality: float
+
+
+class Tracks(Reply, frozen=True, kw_only=True):
+    """Everybody in the newest frame of each area."""
+
+    t: float
+    tracks: list[Track]
+
+
+class TrackColumns(Reply, frozen=True, kw_only=True):
+    """One area's newest frame as the stream sends it: parallel columns, one entry per person."""
+
+    area: str
+    t: float
+    floor: list[str]
+    track: list[int]
+    x: list[float]
+    y: list[float]
+    vx: list[float]
+    vy: list[float]
+    state: list[Literal["confirmed", "coasting"]]
+    device: list[str | None]
+    probability: list[float]
+
+
+class ZoneReport(Reply, frozen=True, kw_only=True):
+    """One zone and how many people's positions lie in it now."""
+
+    id: str
+    name: str
+    floor: str
+    polygon: Ring
+    alert_on: list[Literal["enter", "exit"]]
+    inside: int
+
+
+class Zones(Reply, frozen=True, kw_only=True):
+    """The zones of the site."""
+
+    t: float
+    zones: list[ZoneReport]
+
+
+class Alerts(Reply, frozen=True, kw_only=True):
+    """Alerts, newest first."""
+
+    t: float
+    alerts: list[Alert]
+
+
+class CameraReport(Reply, frozen=True, kw_only=True):
+    """How one camera is doing; ``unknown`` until it has reported."""
+
+    camera: str
+    area: str
+    state: Literal["unknown", "starting", "ok", "degraded", "ended"]
+    reason: str
+    frames: int
+    dropped: int
+    frames_per_s: float
+    t: float | None
+    age: float | None
+
+
+class Cameras(Reply, frozen=True, kw_only=True):
+    """The cameras of the site."""
+
+    t: float
+    cameras: list[CameraReport]
+
+
+class ServicePresence(Reply, frozen=True, kw_only=True):
+    """One process on the bus."""
+
+    service: str
+    instance: str
+    alive: bool
+
+
+class AreaFreshness(Reply, frozen=True, kw_only=True):
+    """When an area was last heard of; null: never."""
+
+    area: str
+    t: float | None
+    age: float | None
+    people: int
+
+
+class HealthReport(Reply, frozen=True, kw_only=True):
+    """Whether the system does its job, and what is wrong in plain words."""
+
+    t: float
+    status: Literal["ok", "degraded"]
+    problems: list[str]
+    services: list[ServicePresence]
+    areas: list[AreaFreshness]
+    cameras: list[CameraReport]
+
+
+class ObstacleView(Reply, frozen=True, kw_only=True):
+    """Something nobody stands in."""
+
+    id: str
+    polygon: Ring
+
+
+class FloorView(Reply, frozen=True, kw_only=True):
+    """One storey."""
+
+    id: str
+    name: str
+    level: int
+    outline: Ring
+    walls: list[Ring]
+    obstacles: list[ObstacleView]
+
+
+class AreaView(Reply, frozen=True, kw_only=True):
+    """What one fusion process tracks."""
+
+    id: str
+    floor: str
+
+
+class CameraView(Reply, frozen=True, kw_only=True):
+    """Where a camera hangs and the part of the floor it watches; never where its pictures come from."""
+
+    id: str
+    area: str
+    floor: str
+    position: tuple[float, float, float]
+    footprint: Ring
+    """Empty where the camera sees no floor of its plan."""
+
+
+class AccessPointView(Reply, frozen=True, kw_only=True):
+    """A radio at a known place."""
+
+    id: str
+    floor: str
+    position: tuple[float, float, float]
+    kind: Literal["wifi", "ble"]
+
+
+class ZoneView(Reply, frozen=True, kw_only=True):
+    """A polygon with a name."""
+
+    id: str
+    name: str
+    floor: str
+    polygon: Ring
+
+
+class SiteView(Reply, frozen=True, kw_only=True):
+    """What a map needs."""
+
+    site: str
+    name: str
+    north: float
+    """Direction of the compass's north on the plan, degrees counter-clockwise from +x."""
+    floors: list[FloorView]
+    areas: list[AreaView]
+    cameras: list[CameraView]
+    access_points: list[AccessPointView]
+    zones: list[ZoneView]
+
+
+_POSITION: dict[str, Any] = {
+    "device": "d-7f3a",
+    "area": "hall",
+    "floor": "ground",
+    "x": 9.41,
+    "y": 3.2,
+    "covariance": [0.04, 0.0, 0.05],
+    "vx": 0.9,
+    "vy": 0.1,
+    "t": 1767225600.2,
+    "age": 0.08,
+    "track": 12,
+    "probability": 0.97,
+    "state": "confirmed",
+}
+_CAMERA: dict[str, Any] = {
+    "camera": "hall-east",
+    "area": "hall",
+    "state": "ok",
+    "reason": "",
+    "frames": 5021,
+    "dropped": 0,
+    "frames_per_s": 15.0,
+    "t": 1767225599.9,
+    "age": 0.4,
+}
+_ALERT: dict[str, Any] = {
+    "t": 1767225598.1,
+    "id": "1767225598100-hall-12-entrance-enter",
+    "zone": "entrance",
+    "kind": "enter",
+    "area": "hall",
+    "track": 12,
+    "floor": "ground",
+    "x": 9.1,
+    "y": 0.4,
+    "device": "d-7f3a",
+}
+_CORNERS = [[7.0, 0.0], [13.0, 0.0], [13.0, 2.5], [7.0, 2.5]]
+
+EXAMPLES: dict[type[Reply], dict[str, Any]] = {
+    Position: _POSITION,
+    Positions: {"t": 1767225600.28, "positions": [_POSITION]},
+    Tracks: {
+        "t": 1767225600.28,
+        "tracks": [
+            {
+                **{name: value for name, value in _POSITION.items() if name not in ("device", "probability")},
+                "device": "d-7f3a",
+                "probability": 0.97,
+                "runner_up": "d-11c0",
+                "runner_up_probability": 0.02,
+                "former": [3],
+                "quality": 0.93,
+            }
+        ],
+    },
+    Zones: {
+        "t": 1767225600.28,
+        "zones": [
+            {
+                "id": "entrance",
+                "name": "Entrance",
+                "floor": "ground",
+                "polygon": _CORNERS,
+                "alert_on": ["enter", "exit"],
+                "inside": 2,
+            }
+        ],
+    },
+    Alerts: {"t": 1767225600.28, "alerts": [_ALERT]},
+    Cameras: {"t": 1767225600.28, "cameras": [_CAMERA]},
+    HealthReport: {
+        "t": 1767225600.28,
+        "status": "degraded",
+        "problems": ["the geofence service is not running: no alerts are raised"],
+        "services": [{"service": "fusion", "instance": "hall", "alive": True}],
+        "areas": [{"area": "hall", "t": 1767225600.2, "age": 0.08, "people": 14}],
+        "cameras": [_CAMERA],
+    },
+    SiteView: {
+        "site": "hall",
+        "name": "Demo hall",
+        "north": 90.0,
+        "floors": [
+            {
+                "id": "ground",
+                "name": "Ground floor",
+                "level": 0,
+                "outline": [[0.0, 0.0], [20.0, 0.0], [20.0, 12.0], [0.0, 12.0]],
+                "walls": [[[0.0, 0.0], [8.0, 0.0]]],
+                "obstacles": [{"id": "vase", "polygon": [[4.4, 3.4], [5.6, 3.4], [5.6, 4.6], [4.4, 4.6]]}],
+            }
+        ],
+        "areas": [{"id": "hall", "floor": "ground"}],
+        "cameras": [
+            {
+                "id": "hall-east",
+                "area": "hall",
+                "floor": "ground",
+                "position": [10.0, -3.0, 8.0],
+                "footprint": [[0.0, 0.0], [20.0, 0.0], [20.0, 12.0], [0.0, 12.0]],
+            }
+        ],
+        "access_points": [{"id": "ap-1", "floor": "ground", "position": [0.3, 0.3, 2.8], "kind": "wifi"}],
+        "zones": [{"id": "entrance", "name": "Entrance", "floor": "ground", "polygon": _CORNERS}],
+    },
+}
+"""One example per documented body; a test decodes each as the Struct it exemplifies."""

@@ -1,0 +1,166 @@
+"""The api service: from the bus into ``LiveState`` and ``Hub``, and HTTP on top of them."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import msgspec
+import structlog
+from fastapi import FastAPI
+
+from services.api.app import create_app
+from services.api.health_report import Presence, health_report
+from services.api.live_state import LiveState
+from services.api.replies import HealthReport
+from services.api.settings import DEMO_KEY, ApiSettings
+from services.api.site_view import site_view
+from services.api.stream import Hub, alert_event, camera_event
+from shared.bus import Bus, Delivery
+from shared.http_server import serve
+from shared.messages import Alert, CameraStatus, Message, TrackFrame
+from shared.runner import Health, Service
+from shared.settings import SettingsError
+from shared.site import Site
+
+__all__ = ["ApiService"]
+
+log = structlog.get_logger(__name__)
+
+SHORTEST_KEY = 16
+
+
+class ApiService(Service[ApiSettings]):
+    """Serves the present state of the site to staff software."""
+
+    name = "api"
+    Settings = ApiSettings
+
+    def __init__(self, settings: ApiSettings, site: Site, bus: Bus, health: Health) -> None:
+        super().__init__(settings, site, bus, health)
+        self._live = LiveState(site, settings.positions_kept, settings.tracks_kept, settings.alerts_kept)
+        self._hub = Hub(settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
+        self._presence = Presence()
+        self._connected = bus.connected
+        self._inbox = bus.inbox(capacity=10_000)
+        self._strangers: set[str] = set()
+
+    @classmethod
+    def check(cls, settings: ApiSettings, site: Site) -> None:
+        """Refuse keys that anybody could guess, outside the demo.
+
+        Raises:
+            SettingsError: the demo key, or one that is too short, is among the keys.
+        """
+        if settings.profile == "demo":
+            return
+        for key in settings.api_keys:
+            secret = key.key.get_secret_value()
+            if secret == DEMO_KEY or len(secret) < SHORTEST_KEY:
+                raise SettingsError(
+                    f"api_keys: key {key.name!r} is the demo's or shorter than {SHORTEST_KEY} characters; "
+                    "set ATRIUM_API_KEYS to secrets of your own"
+                )
+
+    def run(self) -> None:
+        """Serve until asked to stop."""
+        inbox = self._inbox
+        inbox.subscribe(self.keys.tracks(), TrackFrame, newest=True)
+        inbox.subscribe(self.keys.alert(), Alert, cached=True)
+        inbox.subscribe(self.keys.camera_status(), CameraStatus, cached=True)
+        app = create_app(
+            self.settings,
+            self.site,
+            msgspec.json.encode(site_view(self.site)),
+            self._live,
+            self._hub,
+            self._health_report,
+            self._lifespan,
+        )
+        serve(app, self.settings.api_host, self.settings.api_port, self.stopping)
+
+    def stop(self) -> None:
+        """Stop, and do not wait for a message that may not come."""
+        super().stop()
+        self._inbox.wake()
+
+    @asynccontextmanager
+    async def _lifespan(self, _: FastAPI) -> AsyncIterator[None]:
+        """Feed the state from the bus for as long as HTTP is served."""
+        loop = asyncio.get_running_loop()
+        threads = [
+            threading.Thread(target=work, args=(loop,), name=name, daemon=True)
+            for name, work in (("bus", self._read_bus), ("presence", self._watch))
+        ]
+        for thread in threads:
+            thread.start()
+        self.health.ready.set()
+        yield
+        for thread in threads:
+            await asyncio.to_thread(thread.join, 1.0)
+
+    def _read_bus(self, loop: asyncio.AbstractEventLoop) -> None:
+        while not self.stopping.is_set():
+            deliveries = self._inbox.receive(timeout=0.5)
+            if deliveries:
+                loop.call_soon_threadsafe(self._take, deliveries)
+        # Streams never end by themselves: the server would wait for them in vain.
+        loop.call_soon_threadsafe(self._hub.close)
+
+    def _watch(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Look once a second who is alive and whether tracks still come."""
+        while not self.stopping.wait(1.0):
+            connected = self.bus.connected
+            alive = self.bus.present(self.keys.alive()) if connected else []
+            loop.call_soon_threadsafe(self._note, connected, alive)
+
+    def _note(self, connected: bool, alive: list[str]) -> None:
+        now = time.time()
+        self._connected = connected
+        if connected:
+            self._presence.seen(alive)
+        self._live.forget(now)
+        for area in self._live.areas(now):
+            if area.age is not None and area.age > self.settings.stale_after:
+                self.health.degraded(f"tracks of {area.area}", "tracks have stopped arriving, positions are ageing")
+            elif area.age is not None:
+                self.health.well(f"tracks of {area.area}")
+
+    def _take(self, deliveries: list[Delivery[Message]]) -> None:
+        for delivery in deliveries:
+            message = delivery.message
+            if isinstance(message, TrackFrame):
+                if self._live.take_tracks(message, delivery.trace.origin):
+                    self._hub.tracks(message)
+                else:
+                    self._tell_once(f"tracks of area {message.area}")
+            elif isinstance(message, Alert):
+                if self._live.take_alert(message):
+                    self._hub.send("alert", message.zone, message.area, alert_event(message))
+            elif isinstance(message, CameraStatus):
+                now = time.time()
+                if self._live.take_status(message, now):
+                    report = self._live.camera(message.camera, now)
+                    self._hub.send("camera", report.camera, report.area, camera_event(report))
+                else:
+                    self._tell_once(f"status of camera {message.camera}")
+
+    def _tell_once(self, what: str) -> None:
+        """Log what is left out, once each; bounded, because names come from outside."""
+        if what not in self._strangers and len(self._strangers) < 100:
+            self._strangers.add(what)
+            log.warning("left out: older than what is known, or not in the site file", what=what)
+
+    def _health_report(self, now: float) -> HealthReport:
+        return health_report(
+            now,
+            connected=self._connected,
+            services=self._presence.services(),
+            areas=self._live.areas(now),
+            cameras=self._live.cameras(now),
+            expected=self.settings.expected_services,
+            stale_after=self.settings.stale_after,
+        )

@@ -1,0 +1,84 @@
+"""What the api service can be told."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, ClassVar, Literal, get_args
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SecretStr, field_validator
+from pydantic_settings import NoDecode
+
+from shared.settings import ServiceSettings
+
+__all__ = ["ALL_SCOPES", "DEMO_KEY", "ApiKey", "ApiSettings", "Scope"]
+
+DEMO_KEY = "demo-api-key"
+
+Scope = Literal["positions", "alerts", "site", "health"]
+"""What a key may read: positions and tracks; alerts; the site, its zones and cameras; health."""
+ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
+
+
+class ApiKey(BaseModel):
+    """One key of the staff and what it may read."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str = "key"
+    """Names the key in logs; never the key itself."""
+    key: SecretStr = Field(min_length=8, max_length=256)
+    scopes: tuple[Scope, ...] = ALL_SCOPES
+
+
+def _read_keys(value: Any) -> Any:
+    """Accept ``KEY``, ``KEY,KEY``, a JSON list of keys or of {"name", "key", "scopes"}, or a mapping of name to either.
+
+    A key given as bare text may read everything.
+    """
+    if isinstance(value, str):
+        text = value.strip()
+        value = json.loads(text) if text.startswith(("[", "{")) else [part.strip() for part in text.split(",")]
+    if isinstance(value, dict):
+        value = [
+            {"name": name, **entry} if isinstance(entry, dict) else {"name": name, "key": entry}
+            for name, entry in value.items()
+        ]
+    if isinstance(value, list | tuple):
+        return [
+            {"name": f"key-{number}", "key": entry} if isinstance(entry, str | SecretStr) else entry
+            for number, entry in enumerate(value, start=1)
+        ]
+    return value
+
+
+class ApiSettings(ServiceSettings):
+    """Settings of the HTTP interface for staff software."""
+
+    secrets: ClassVar[tuple[str, ...]] = ("api_keys",)
+
+    api_host: str = Field("127.0.0.1", description="where the API listens")
+    api_port: int = Field(8081, ge=0, le=65535, description="0: any free port, printed at start")
+    api_keys: Annotated[tuple[ApiKey, ...], NoDecode, BeforeValidator(_read_keys)] = Field(
+        (ApiKey(name="demo", key=SecretStr(DEMO_KEY)),),
+        description='keys of the staff: KEY[,KEY] (may read everything) or JSON [{"name","key","scopes"}]',
+    )
+    cors_origins: list[str] = Field([], description="web origins whose pages may call the API; none by default")
+    positions_kept: float = Field(120.0, gt=0, le=86400, description="seconds a device's last known position is told")
+    tracks_kept: float = Field(10.0, gt=0, le=3600, description="seconds an area's last tracks are told")
+    alerts_kept: int = Field(10_000, ge=1, le=1_000_000, description="alerts held in memory, oldest dropped first")
+    stream_rate: float = Field(10.0, gt=0, le=100, description="track events per second and area on the stream")
+    stream_keep_alive: float = Field(10.0, gt=0, le=300, description="seconds between comments on a silent stream")
+    stream_readers: int = Field(1000, ge=1, le=100_000, description="streams open at once; more are answered 503")
+    stale_after: float = Field(3.0, gt=0, le=3600, description="seconds without tracks until health tells of it")
+    expected_services: list[str] = Field(
+        ["camera", "gateway", "fusion", "geofence"], description="services whose absence is a problem"
+    )
+
+    @field_validator("api_keys")
+    @classmethod
+    def _distinct(cls, keys: tuple[ApiKey, ...]) -> tuple[ApiKey, ...]:
+        if not keys:
+            raise ValueError("at least one key is needed")
+        if len({key.key.get_secret_value() for key in keys}) < len(keys):
+            raise ValueError("the same key is listed twice")
+        return keys
