@@ -1,0 +1,62 @@
+"""The dashboard as a process: relay, web application and page, for as long as the service lives."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from services.dashboard.page import add_page
+from services.dashboard.relay import Relay
+from services.dashboard.sessions import AttemptLimit, Sessions
+from services.dashboard.settings import DashboardSettings
+from services.dashboard.web_app import build_web_app
+from shared.bus import Bus
+from shared.http_server import serve
+from shared.runner import Health, Service
+from shared.settings import SettingsError
+from shared.site import Site
+
+__all__ = ["DashboardService"]
+
+SHORTEST_PASSWORD = 8
+
+
+class DashboardService(Service[DashboardSettings]):
+    """Serves the live map; the bus only carries its sign of life."""
+
+    name: ClassVar[str] = "dashboard"
+    Settings: ClassVar[type[DashboardSettings]] = DashboardSettings
+
+    def __init__(self, settings: DashboardSettings, site: Site, bus: Bus, health: Health) -> None:
+        super().__init__(settings, site, bus, health)
+        self._relay = Relay(settings.api_url, settings.api_key.get_secret_value(), self._told)
+
+    @classmethod
+    def check(cls, settings: DashboardSettings, site: Site) -> None:
+        """Refuse a password that is guessed in an afternoon."""
+        length = len(settings.dashboard_password.get_secret_value())
+        if settings.profile != "demo" and length < SHORTEST_PASSWORD:
+            raise SettingsError(
+                f"dashboard_password: has {length} characters, at least {SHORTEST_PASSWORD} are needed; "
+                "set ATRIUM_DASHBOARD_PASSWORD"
+            )
+
+    def run(self) -> None:
+        """Serve until the service stops."""
+        settings = self.settings
+        sessions = Sessions(
+            settings.dashboard_password.get_secret_value(), settings.api_key.get_secret_value(), settings.session_hours
+        )
+        app = build_web_app(self._relay, sessions, AttemptLimit(), started=self.health.ready.set)
+        add_page(app, title=self.site.name or self.site.site, can_sign_out=not sessions.open)
+        serve(app, settings.dashboard_host, settings.dashboard_port, self.stopping)
+
+    def stop(self) -> None:
+        """End the browsers' streams first: the server waits for them."""
+        self._relay.stop()
+        super().stop()
+
+    def _told(self, problem: str | None) -> None:
+        if problem is None:
+            self.health.well("api")
+        else:
+            self.health.degraded("api", problem)

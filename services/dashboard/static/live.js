@@ -1,0 +1,231 @@
+// The live map: listens to /live, keeps the picture moving, and says in plain words when it cannot.
+
+import { Identities } from "./identities.js";
+import * as painting from "./painting.js";
+import { Panels } from "./panels.js";
+import { Pointer } from "./pointer.js";
+import { Tracks } from "./tracks.js";
+import { Viewport } from "./viewport.js";
+
+const identities = new Identities();
+const tracks = new Tracks();
+const view = new Viewport();
+const state = { site: null, floor: null, occupancy: new Map(), lit: new Map(), chosen: null, marker: null };
+const heard = { api: false, reason: "", dashboard: false, frame: null, arrivals: [] };
+const layers = {};
+let fitted = null;
+let people = [];
+
+// NiceGUI builds the page after this module has loaded.
+const page = await appeared(["atrium-canvas", "atrium-floor", "atrium-status", "alerts", "phones", "cameras"]);
+const canvas = page["atrium-canvas"];
+const context = canvas.getContext("2d");
+const panels = new Panels(identities, goTo, (device) => (state.chosen = device));
+
+function listen() {
+  const source = new EventSource("/live");
+  const on = (name, act) => source.addEventListener(name, (event) => act(JSON.parse(event.data)));
+  source.onopen = () => (heard.dashboard = true);
+  source.onerror = async () => {
+    heard.dashboard = false;
+    if (source.readyState !== EventSource.CLOSED) return; // the browser tries again by itself
+    await new Promise((resolve) => setTimeout(resolve, 2000));
+    const session = await fetch("/session").catch(() => null);
+    if (session?.status === 401) window.location.assign("/login");
+    else listen();
+  };
+  on("connection", (news) => {
+    heard.api = news.connected;
+    heard.reason = news.reason;
+  });
+  on("site", takeSite);
+  on("zones", (zones) => {
+    state.occupancy = new Map(zones.map((zone) => [zone.id, zone.inside]));
+  });
+  on("tracks", (frame) => {
+    const now = performance.now();
+    tracks.accept(frame, now);
+    heard.frame = now;
+    heard.arrivals.push(now);
+  });
+  on("alerts", (alerts) => panels.alerts(alerts));
+  on("alert", (alert) => {
+    state.lit.set(alert.zone, performance.now());
+    panels.alert(alert);
+  });
+  on("cameras", (cameras) => panels.cameras(cameras));
+}
+
+function takeSite(site) {
+  state.site = site;
+  const select = page["atrium-floor"];
+  const sorted = [...site.floors].sort((a, b) => (b.level ?? 0) - (a.level ?? 0));
+  select.replaceChildren(...sorted.map((floor) => new Option(floor.name || floor.id, floor.id)));
+  const known = site.floors.some((floor) => floor.id === state.floor?.id);
+  chooseFloor(known ? state.floor.id : site.floors[0].id);
+  select.parentElement.hidden = site.floors.length < 2;
+  panels.site(site);
+}
+
+function chooseFloor(id) {
+  const floor = state.site?.floors.find((one) => one.id === id);
+  if (floor === undefined) return;
+  state.floor = floor;
+  page["atrium-floor"].value = id;
+  if (fitted !== id) fit();
+}
+
+function fit() {
+  if (state.floor === null) return;
+  // Cameras often hang outside the outline; the whole floor includes them.
+  const places = camerasOn(state.floor.id).map((camera) => camera.position);
+  view.fit(painting.bounds([...state.floor.outline, ...places]));
+  fitted = state.floor.id;
+}
+
+function goTo(floor, x, y) {
+  chooseFloor(floor);
+  view.centre(x, y);
+  state.marker = { floor, x, y, since: performance.now() };
+}
+
+function camerasOn(floor) {
+  return state.site.cameras.filter((camera) => camera.floor === floor);
+}
+
+function zonesOn(floor) {
+  return state.site.zones
+    .filter((zone) => zone.floor === floor)
+    .map((zone) => ({
+      ...zone,
+      name: zone.name || zone.id,
+      count: state.occupancy.get(zone.id),
+      lit: state.lit.get(zone.id),
+    }));
+}
+
+function draw(now) {
+  requestAnimationFrame(draw);
+  people = tracks.at(now);
+  const ratio = window.devicePixelRatio || 1;
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.clearRect(0, 0, view.width, view.height);
+  if (state.floor === null) return;
+  const { floor, site } = state;
+  const cameras = camerasOn(floor.id);
+  painting.paintPlan(context, view, floor);
+  if (layers.cameras) painting.paintFootprints(context, view, cameras);
+  if (layers.zones) painting.paintZones(context, view, zonesOn(floor.id), now);
+  painting.paintWalls(context, view, floor);
+  if (layers.radio) {
+    painting.paintRadio(context, view, site.access_points.filter((point) => point.floor === floor.id));
+  }
+  if (layers.cameras) painting.paintCameras(context, view, cameras);
+  const here = people.filter((person) => person.floor === floor.id);
+  painting.paintPeople(context, view, here, identities, layers, state.chosen);
+  if (state.marker?.floor === floor.id && !painting.paintMarker(context, view, state.marker, now)) state.marker = null;
+  painting.paintScale(context, view, site.north);
+}
+
+// Once or twice a second is enough for words.
+function tell() {
+  const now = performance.now();
+  heard.arrivals = heard.arrivals.filter((arrival) => arrival > now - 3000);
+  const problem = whatIsWrong(now);
+  const banner = document.getElementById("atrium-banner");
+  if (banner.textContent !== problem) banner.textContent = problem;
+  banner.hidden = problem === "";
+  const present = people.filter((person) => person.gone === null);
+  const located = present.filter((person) => person.device !== null).length;
+  const status = page["atrium-status"];
+  status.classList.toggle("bad", problem !== "");
+  if (problem === "") {
+    const rate = heard.arrivals.length / 3;
+    const age = (now - heard.frame) / 1000;
+    status.textContent =
+      `${count(present.length, "person", "people")}, ${located} with a located phone · ` +
+      `${rate.toFixed(rate < 10 ? 1 : 0)} updates a second · last ${age.toFixed(1)} s ago`;
+  } else {
+    status.textContent = heard.api && heard.dashboard ? "Waiting for positions" : "Not connected";
+  }
+  if (state.floor !== null) {
+    const here = present.filter((person) => person.floor === state.floor.id).length;
+    const name = state.floor.name || state.floor.id;
+    canvas.setAttribute("aria-label", `Floor plan of ${name} with ${count(here, "person", "people")}`);
+    panels.phones(present, state.site.floors.flatMap((floor) => zonesOn(floor.id)), now);
+  }
+}
+
+function whatIsWrong(now) {
+  if (!heard.dashboard) return "Not connected: the dashboard does not answer. Trying again…";
+  if (!heard.api) return `Not connected to the API. ${heard.reason} Trying again…`;
+  if (heard.frame === null) return "Connected, but no positions have arrived yet: are a camera and fusion running?";
+  const silent = (now - heard.frame) / 1000;
+  if (silent > 5) return `No positions for ${Math.round(silent)} seconds: are the cameras and fusion running?`;
+  return "";
+}
+
+function count(number, one, many) {
+  return `${number} ${number === 1 ? one : many}`;
+}
+
+function appeared(ids) {
+  return new Promise((resolve) => {
+    const look = () => {
+      const found = Object.fromEntries(ids.map((id) => [id, document.getElementById(id)]));
+      if (Object.values(found).some((element) => element === null)) return false;
+      resolve(found);
+      return true;
+    };
+    if (look()) return;
+    const observer = new MutationObserver(() => look() && observer.disconnect());
+    observer.observe(document.body, { childList: true, subtree: true });
+  });
+}
+
+function wireControls() {
+  for (const box of document.querySelectorAll("#atrium-layers input")) {
+    layers[box.value] = box.checked;
+    box.addEventListener("change", () => (layers[box.value] = box.checked));
+  }
+  page["atrium-floor"].addEventListener("change", (event) => chooseFloor(event.target.value));
+  document.getElementById("zoom-in").addEventListener("click", () => view.zoom(1.4));
+  document.getElementById("zoom-out").addEventListener("click", () => view.zoom(1 / 1.4));
+  document.getElementById("zoom-fit").addEventListener("click", fit);
+  new Pointer(canvas, view, fit);
+  new ResizeObserver(() => {
+    const ratio = window.devicePixelRatio || 1;
+    const first = view.width === 1;
+    view.resize(canvas.clientWidth, canvas.clientHeight);
+    canvas.width = Math.round(canvas.clientWidth * ratio);
+    canvas.height = Math.round(canvas.clientHeight * ratio);
+    if (first) fit();
+  }).observe(canvas);
+}
+
+wireControls();
+listen();
+requestAnimationFrame(draw);
+setInterval(tell, 500);
+
+// What the map shows, for tests and for the curious in the browser's console.
+window.atrium = {
+  get people() {
+    return people.map(({ key, floor, device, probability, state: how, x, y }) => (
+      { key, floor, device, probability, state: how, x, y, screen: view.toScreen(x, y) }
+    ));
+  },
+  get frames() {
+    return tracks.frames;
+  },
+  get floor() {
+    return state.floor?.id ?? null;
+  },
+  get connected() {
+    return heard.dashboard && heard.api;
+  },
+  get scale() {
+    return view.scale;
+  },
+  colourOf: (device) => identities.colourOf(device),
+};
