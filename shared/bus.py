@@ -75,8 +75,9 @@ _decode_trace = msgspec.json.Decoder(Trace).decode
 class Publisher(Generic[M]):
     """Publishes messages of one type on one key."""
 
-    def __init__(self, put: Callable[..., None], kind: type[M]) -> None:
+    def __init__(self, put: Callable[..., None], kind: type[M], undeclare: Callable[[], None]) -> None:
         self._put = put
+        self._undeclare = undeclare
         self._kind = kind
         self._count = PUBLISHED.labels(kind.__name__)
 
@@ -95,6 +96,10 @@ class Publisher(Generic[M]):
         self._put(encode(message), attachment=_encode_trace(trace))
         self._count.inc()
         return trace
+
+    def close(self) -> None:
+        """Withdraw the publisher; for keys that come and go, such as a device's. The bus closes all others itself."""
+        self._undeclare()
 
 
 class Inbox:
@@ -275,7 +280,13 @@ class Bus:
                 key, encoding=zenoh.Encoding.APPLICATION_JSON, congestion_control=congestion, express=True
             )
         self._declared.append(declared)
-        return Publisher(declared.put, kind)
+
+        def undeclare() -> None:
+            if declared in self._declared:
+                self._declared.remove(declared)
+                declared.undeclare()
+
+        return Publisher(declared.put, kind, undeclare)
 
     def inbox(self, capacity: int = 10_000) -> Inbox:
         """Return a new inbox that holds at most ``capacity`` undelivered messages."""
