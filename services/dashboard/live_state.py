@@ -46,7 +46,12 @@ class LiveState:
         return b"".join(self._posts.values())
 
     def connection(self, connected: bool, reason: str, since: float) -> list[Post]:
-        """Tell whether the API is heard, why not, and since when (seconds since the epoch)."""
+        """Tell whether the API is heard, why not, and since when (seconds since the epoch).
+
+        Without it nobody knows who is where: a browser that joins now is not shown the last positions as the present.
+        """
+        if not connected:
+            self._posts = {topic: chunk for topic, chunk in self._posts.items() if not topic.startswith("tracks/")}
         return [self._set("connection", {"connected": connected, "reason": reason, "since": since})]
 
     def answer(self, what: str, body: bytes) -> list[Post]:

@@ -40,7 +40,7 @@ class Sessions:
         """Whether ``token`` was issued here and is not too old."""
         try:
             self._signer.unsign(token, max_age=self.seconds)
-        except BadSignature:
+        except (BadSignature, UnicodeError):
             return False
         return True
 

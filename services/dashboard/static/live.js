@@ -35,6 +35,7 @@ function listen() {
     else listen();
   };
   on("connection", (news) => {
+    if (heard.api && !news.connected) tracks.clear();
     heard.api = news.connected;
     heard.reason = news.reason;
   });
@@ -139,6 +140,8 @@ function tell() {
   const located = present.filter((person) => person.device !== null).length;
   const status = page["atrium-status"];
   status.classList.toggle("bad", problem !== "");
+  // What is shown without a connection is memory, not the present.
+  document.body.classList.toggle("stale", !(heard.api && heard.dashboard));
   if (problem === "") {
     const rate = heard.arrivals.length / 3;
     const age = (now - heard.frame) / 1000;
