@@ -16,9 +16,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.pets_picture import draw
 from benchmarks.pets_run import PetsRun, run_clip
 from benchmarks.pets_truth import FRAMES_PER_S, PetsTruth
-from benchmarks.result import write_result
+from benchmarks.result import PICTURES, write_result
 from benchmarks.tracking_metrics import TrackingScore, score_tracks
 from services.cli.recording import Recording
 from services.cli.replay import Verdict, verify
@@ -107,6 +108,8 @@ def main() -> int:
         with console.status("playing the clip at its own pace (two minutes) …"):
             run = run_clip(folder, quiet=not options.verbose)
         figures, by_person, verdicts = figures_of(run, truth)
+    picture = options.out / "pets-video.png" if options.out else PICTURES / "pets-video.png"
+    draw(run, truth, picture)
     table = Table("figure", "measured", "bar", title="PETS 2009 S2.L1 view 1, raw video, causal, six phones")
     for name, value in figures.items():
         bar = f">= {BARS[name]:g}" if name in BARS else ""
@@ -117,6 +120,7 @@ def main() -> int:
     for verdict in verdicts:
         console.print(f"  {verdict}")
     console.print(f"written to {write_result('pets-video', 'pets09-s2l1', 0, figures, options.out)}")
+    console.print(f"drawn in {picture}")
     missed = [name for name, bar in BARS.items() if (figures[name] or 0.0) < bar]
     if missed:
         console.print(f"[red]below the bar: {', '.join(missed)}[/red]")

@@ -8,9 +8,10 @@ import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
-__all__ = ["RESULTS", "read_figures", "write_result"]
+__all__ = ["PICTURES", "RESULTS", "read_figures", "write_result"]
 
 RESULTS = Path(__file__).resolve().parent / "results"
+PICTURES = RESULTS.parent.parent / "docs" / "pictures"
 
 
 def write_result(
