@@ -22,7 +22,7 @@ Every figure on this page comes from a command anyone can run; it is generated f
 `python -m benchmarks.results_page`. Shares are fractions, errors are metres unless the name says otherwise.
 """
 
-PETS = """The clip is PETS 2009 S2.L1, view 1, re-encoded at 480 x 360 (795 frames, 7 frames/s, 19 people). All services run,
+PETS = """The clip is PETS 2009 S2.L1, view 1, at 480 x 360 (795 frames, 7 frames/s, 19 people). All services run,
 the clip plays at its own pace, the detector starts cold on the first frame and never looks ahead. The camera is fitted
 to the ground from its Tsai calibration file; the area of interest was drawn by hand on a frame. Six people (the ones
 longest in view) carry emulated phones that post through the real gateway: one scan a second of six access points in a
