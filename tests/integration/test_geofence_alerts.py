@@ -1,0 +1,147 @@
+"""The geofence service on a real router: tracks in, alerts out, once each, and kept for those who join later."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from waiting import wait_until
+
+from services.geofence.service import GeofenceService
+from services.geofence.settings import GeofenceSettings
+from shared.bus import Bus, Inbox, router
+from shared.keys import Keys
+from shared.messages import Alert, TrackFrame
+from shared.runner import Health
+from shared.site import Site, load_site
+
+KEYS = Keys("hall")
+DEADLINE = 15.0
+SITE = "deploy/sites/hall/site.yaml"
+
+
+def frame(t: float, x: float, y: float, track: int = 1, device: str | None = "phone-1") -> TrackFrame:
+    """One person in the hall; the zone "entrance" spans 7 to 13 by 0 to 2.5 m."""
+    return TrackFrame(
+        t=t,
+        area="hall",
+        chunk=int(t * 15),
+        tracker="test",
+        track=[track],
+        floor=["ground"],
+        x=[x],
+        y=[y],
+        covariance=[(0.04, 0.0, 0.04)],
+        vx=[0.0],
+        vy=[0.0],
+        state=["confirmed"],
+        device=[device],
+        probability=[0.9],
+        runner_up=[None],
+        runner_up_probability=[0.0],
+        former=[[]],
+        sources=[["hall-east"]],
+        quality=[1.0],
+    )
+
+
+@pytest.fixture(scope="module")
+def site(project: Path) -> Site:
+    return load_site(project / SITE)
+
+
+@contextmanager
+def running(site: Site, project: Path, endpoint: str, **changes: float) -> Iterator[GeofenceService]:
+    settings = GeofenceSettings(site_file=project / SITE, profile="demo", bus=[endpoint], **changes)  # type: ignore[arg-type]
+    with Bus([endpoint]) as bus:
+        service = GeofenceService(settings, site, bus, Health.__new__(Health))
+        # A second Health in one process would register its gauge twice.
+        service.health.__dict__.update(_problems={}, _lock=threading.Lock(), ready=threading.Event())
+        thread = threading.Thread(target=service.run, daemon=True)
+        thread.start()
+        assert service.health.ready.wait(DEADLINE)
+        try:
+            yield service
+        finally:
+            service.stop()
+            thread.join(DEADLINE)
+            assert not thread.is_alive()
+
+
+def alerts(inbox: Inbox, known: list[Alert]) -> list[Alert]:
+    known += [d.message for d in inbox.receive(timeout=0.05) if isinstance(d.message, Alert)]
+    return known
+
+
+def walk_until(bus: Bus, t: float, x: float, y: float, inbox: Inbox, known: list[Alert], count: int) -> float:
+    """Stand at (x, y) from ``t`` on until ``count`` alerts are there; returns the time after."""
+    tracks = bus.publisher(KEYS.tracks("hall"), TrackFrame)
+
+    def step() -> bool:
+        nonlocal t
+        t += 0.2
+        tracks.publish(frame(t, x, y))
+        return len(alerts(inbox, known)) >= count
+
+    wait_until(step, DEADLINE, f"{count} alerts")
+    return t
+
+
+def test_enter_and_exit_arrive_once_with_the_device_and_wait_for_late_joiners(
+    site: Site, project: Path, zenoh_router: str
+) -> None:
+    with running(site, project, zenoh_router), Bus([zenoh_router]) as bus:
+        inbox, known = bus.inbox(), []
+        inbox.subscribe(KEYS.alert(), Alert, cached=True)
+        t = walk_until(bus, 100.0, 10.0, 1.2, inbox, known, 1)
+        walk_until(bus, t, 10.0, 5.0, inbox, known, 2)
+        assert [(a.kind, a.zone, a.track, a.device, a.floor) for a in known] == [
+            ("enter", "entrance", 1, "phone-1", "ground"),
+            ("exit", "entrance", 1, "phone-1", "ground"),
+        ]
+        assert len({a.id for a in known}) == 2
+        assert known[0].t < known[1].t
+        with Bus([zenoh_router]) as later:
+            late, seen = later.inbox(), []
+            late.subscribe(KEYS.alert(), Alert, cached=True)
+            wait_until(lambda: len(alerts(late, seen)) == 2, DEADLINE, "the cached alerts")
+            assert [a.id for a in seen] == [a.id for a in known]
+
+
+def test_silence_empties_the_zones_and_is_told(site: Site, project: Path, zenoh_router: str) -> None:
+    with running(site, project, zenoh_router, geofence_silence=0.5) as service, Bus([zenoh_router]) as bus:
+        inbox, known = bus.inbox(), []
+        inbox.subscribe(KEYS.alert(), Alert, cached=True)
+        walk_until(bus, 100.0, 10.0, 1.2, inbox, known, 1)
+        wait_until(lambda: len(alerts(inbox, known)) == 2, DEADLINE, "the exit of whom nobody tracks any more")
+        assert known[1].kind == "exit"
+        assert "everybody counts as gone" in service.health.problems()["tracks of hall"]
+
+
+def test_a_recording_played_again_starts_afresh(site: Site, project: Path, zenoh_router: str) -> None:
+    with running(site, project, zenoh_router), Bus([zenoh_router]) as bus:
+        inbox, known = bus.inbox(), []
+        inbox.subscribe(KEYS.alert(), Alert, cached=True)
+        walk_until(bus, 5000.0, 10.0, 1.2, inbox, known, 1)
+        walk_until(bus, 100.0, 10.0, 1.2, inbox, known, 3)
+        assert [a.kind for a in known[:3]] == ["enter", "exit", "enter"]
+        assert len({a.id for a in known}) == len(known)
+
+
+def test_alerts_go_on_after_the_router_restarts(site: Site, project: Path, free_port: int) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    broker = router(endpoint)
+    with running(site, project, endpoint), Bus([endpoint]) as bus:
+        inbox, known = bus.inbox(), []
+        inbox.subscribe(KEYS.alert(), Alert, cached=True)
+        t = walk_until(bus, 100.0, 10.0, 1.2, inbox, known, 1)
+        broker.close()
+        broker = router(endpoint)
+        wait_until(lambda: bus.connected, DEADLINE, "the new router")
+        began = time.monotonic()
+        walk_until(bus, t, 10.0, 5.0, inbox, known, 2)
+        assert time.monotonic() - began < DEADLINE
+        assert {a.kind for a in known} == {"enter", "exit"}
+    broker.close()

@@ -1,0 +1,231 @@
+"""Crossings: none missed, none twice, none made of jitter."""
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from services.geofence.crossings import Crossing, Crossings
+from services.geofence.zone_index import ZoneIndex
+
+SQUARE = [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)]
+GATE = [(10.0, -5.0), (10.05, -5.0), (10.05, 5.0), (10.0, 5.0)]
+ELL = [(-6.0, -6.0), (-2.0, -6.0), (-2.0, -5.0), (-5.0, -5.0), (-5.0, -2.0), (-6.0, -2.0)]
+MARGIN, MIN_SECONDS, GRACE = 0.3, 0.5, 2.0
+
+
+def make(margin: float = MARGIN, min_seconds: float = MIN_SECONDS, grace: float = GRACE) -> Crossings:
+    index = ZoneIndex([SQUARE, GATE, ELL, SQUARE], ["ground", "ground", "ground", "upper"], margin)
+    return Crossings(index, min_seconds, grace)
+
+
+def walk(
+    crossings: Crossings,
+    path: np.ndarray,
+    dt: float = 1 / 15,
+    track: int = 1,
+    start: float = 0.0,
+    floor: int = 0,
+    former: tuple[int, ...] = (),
+) -> list[Crossing]:
+    happened = []
+    for number, (x, y) in enumerate(path):
+        happened += crossings.step(
+            start + number * dt, np.array([track]), np.array([floor]), np.array([x]), np.array([y]), [list(former)]
+        )
+    return happened
+
+
+def nobody(crossings: Crossings, t: float) -> list[Crossing]:
+    none = np.empty(0)
+    return crossings.step(t, none.astype(np.int64), none.astype(np.int64), none, none)
+
+
+def line(start: tuple[float, float], end: tuple[float, float], steps: int) -> np.ndarray:
+    return np.linspace(start, end, steps)
+
+
+def kinds(happened: list[Crossing], zone: int) -> list[str]:
+    return [crossing.kind for crossing in happened if crossing.zone == zone]
+
+
+def test_a_walk_through_a_zone_is_one_enter_and_one_exit_near_its_borders() -> None:
+    crossings = make()
+    happened = walk(crossings, line((-3, 2), (7, 2), 150))
+    assert kinds(happened, 0) == ["enter", "exit"]
+    assert kinds(happened, 3) == [], "the zone above is on another floor"
+    assert -0.1 <= happened[0].x <= 0.4
+    assert 4.2 <= happened[1].x <= 4.5
+    assert crossings.occupancy.tolist() == [0, 0, 0, 0]
+
+
+@given(
+    angle=st.floats(-1.2, 1.2),
+    speed=st.floats(0.3, 60.0),
+    height=st.floats(-3.0, 3.0),
+    phase=st.floats(0.0, 1.0),
+    margin=st.sampled_from([0.0, 0.1, 0.3, 1.0]),
+)
+@settings(max_examples=150, deadline=None)
+def test_no_thin_zone_is_stepped_over(angle: float, speed: float, height: float, phase: float, margin: float) -> None:
+    """A gate of 5 cm is passed at any speed, angle and frame phase, however far one step goes."""
+    dt = 1 / 15
+    direction = np.array([np.cos(angle), np.sin(angle)])
+    steps = int(np.ceil(3.0 / (speed * dt * direction[0]))) + 2
+    offsets = (np.arange(-steps, steps + 1) + phase) * speed * dt
+    path = np.array([10.02, height]) + offsets[:, None] * direction
+    way = shapely.LineString(path[[0, -1]])
+    gate = shapely.Polygon(GATE)
+    crossings = make(margin=margin, min_seconds=0.5)
+    happened = walk(crossings, path, dt) + crossings.close(1000.0)
+    if way.intersects(gate):
+        assert kinds(happened, 1) == ["enter", "exit"]
+        enter, leave = (crossing for crossing in happened if crossing.zone == 1)
+        assert enter.t <= leave.t
+    if way.distance(gate) > margin + 1e-6:
+        assert kinds(happened, 1) == []
+
+
+@given(seed=st.integers(0, 2**32 - 1), sigma=st.floats(0.0, 3.0), margin=st.sampled_from([0.0, 0.2, 0.5]))
+@settings(max_examples=60, deadline=None)
+def test_enter_and_exit_take_turns_for_every_track_and_zone(seed: int, sigma: float, margin: float) -> None:
+    """Whatever ten people do, on two floors, vanishing and coming back: the turns hold and occupancy is their sum."""
+    generator = np.random.default_rng(seed)
+    crossings = make(margin=margin, min_seconds=0.2, grace=0.5)
+    position = generator.uniform(-8, 12, (10, 2))
+    floor = generator.integers(-1, 2, 10)
+    happened: list[Crossing] = []
+    for number in range(60):
+        position = position + generator.normal(0.0, sigma, (10, 2))
+        floor = np.where(generator.random(10) < 0.02, generator.integers(-1, 2, 10), floor)
+        there = np.flatnonzero(generator.random(10) < 0.8)
+        happened += crossings.step(number / 10, there, floor[there], position[there, 0], position[there, 1])
+    happened += crossings.close(100.0)
+    for track in range(10):
+        for zone in range(4):
+            mine = [c for c in happened if (c.track, c.zone) == (track, zone)]
+            expected = ["enter", "exit"] * (len(mine) // 2)
+            assert [c.kind for c in mine] == expected
+            assert [c.t for c in mine] == sorted(c.t for c in mine)
+    assert crossings.occupancy.tolist() == [0, 0, 0, 0]
+    assert len(crossings.tracks) == 0
+
+
+@given(seed=st.integers(0, 2**32 - 1), depth=st.floats(-0.2, 0.2), sigma=st.floats(0.0, 0.1))
+@settings(max_examples=60, deadline=None)
+def test_jitter_on_the_edge_does_not_flap(seed: int, depth: float, sigma: float) -> None:
+    generator = np.random.default_rng(seed)
+    noise = generator.normal(0.0, sigma, (600, 2))
+    happened = walk(make(), np.array([depth, 2.0]) + noise)
+    assert kinds(happened, 0) in ([], ["enter"])
+
+
+def test_a_touch_from_outside_is_no_visit() -> None:
+    out_and_back = np.concatenate([line((-2, 2), (0.1, 2), 30), line((0.1, 2), (-2, 2), 30)])
+    assert walk(make(), out_and_back) == []
+
+
+@given(
+    x0=st.floats(-9, 9),
+    y0=st.floats(-9, 9),
+    x1=st.floats(-9, 9),
+    y1=st.floats(-9, 9),
+    steps=st.integers(2, 200),
+)
+@settings(max_examples=150, deadline=None)
+def test_straight_walks_agree_with_the_geometry(x0: float, y0: float, x1: float, y1: float, steps: int) -> None:
+    """With no margin and no waiting, the last state of a straight walk is what the polygon says of its end."""
+    crossings = make(margin=0.0, min_seconds=0.0)
+    happened = walk(crossings, line((x0, y0), (x1, y1), steps))
+    way = shapely.LineString([(x0, y0), (x1, y1)])
+    for zone, ring in enumerate([SQUARE, GATE, ELL]):
+        polygon = shapely.Polygon(ring)
+        if way.length == 0.0 or min(shapely.distance(polygon.exterior, shapely.points([x0, x1], [y0, y1]))) < 1e-6:
+            continue
+        assert bool(crossings.occupancy[zone]) == polygon.contains(shapely.Point(x1, y1))
+        if shapely.length(way.intersection(polygon)) > 1e-6:
+            assert kinds(happened, zone)
+        elif not way.intersects(polygon):
+            assert not kinds(happened, zone)
+
+
+def test_a_track_that_vanishes_inside_leaves_after_the_grace_time() -> None:
+    crossings = make()
+    walk(crossings, line((2, 2), (2, 2), 2), dt=0.1)
+    assert nobody(crossings, 0.1 + GRACE - 0.01) == []
+    assert crossings.occupancy[0] == 1
+    gone = nobody(crossings, 0.1 + GRACE + 0.01)
+    assert [(c.kind, c.zone, c.track, c.x) for c in gone] == [("exit", 0, 1, 2.0)]
+    assert crossings.occupancy[0] == 0
+
+
+def test_a_track_born_anew_with_a_former_id_does_not_enter_again() -> None:
+    crossings = make()
+    assert kinds(walk(crossings, line((-3, 2), (2, 2), 60)), 0) == ["enter"]
+    assert walk(crossings, line((2.2, 2), (3, 2), 10), track=9, start=5.0, former=(1,)) == []
+    left = walk(crossings, line((3, 2), (8, 2), 60), track=9, start=6.0, former=(1,))
+    assert [(c.kind, c.track) for c in left if c.zone == 0] == [("exit", 9)]
+
+
+def test_a_gate_between_the_old_track_and_the_new_one_is_not_missed() -> None:
+    crossings = make()
+    walk(crossings, line((8, 0), (9, 0), 15))
+    happened = walk(crossings, line((11, 0), (12, 0), 15), track=2, start=1.5, former=(1,))
+    assert [(c.kind, c.track) for c in happened] == [("enter", 2), ("exit", 2)]
+
+
+def test_a_former_id_still_reported_keeps_its_own_state() -> None:
+    crossings = make()
+    step = crossings.step
+    two = np.array([2.0, 2.0])
+    step(0.0, np.array([1]), np.array([0]), two[:1], two[:1])
+    happened = step(0.1, np.array([1, 2]), np.array([0, 0]), two, two, [[], [1]])
+    assert [(c.kind, c.track) for c in happened] == [("enter", 2)]
+    assert crossings.occupancy[0] == 2
+
+
+def test_a_change_of_floor_is_an_exit_here_and_an_enter_there() -> None:
+    crossings = make()
+    walk(crossings, line((2, 2), (2, 2), 5))
+    happened = walk(crossings, line((2, 2), (2, 2), 15), start=1.0, floor=1)
+    assert [(c.kind, c.zone) for c in happened] == [("enter", 3), ("exit", 0)]
+
+
+def test_more_tracks_than_the_first_room_holds() -> None:
+    crossings = make()
+    count = 300
+    ids = np.arange(count) * 7
+    x = np.full(count, 2.0)
+    happened = crossings.step(0.0, ids, np.zeros(count, np.int64), x, x)
+    assert len(happened) == count
+    assert crossings.occupancy[0] == count
+    assert len(crossings.close(1.0)) == count
+
+
+@given(x=st.lists(st.floats(-9, 12), min_size=1, max_size=40), seed=st.integers(0, 1000))
+@settings(max_examples=100, deadline=None)
+def test_the_grid_says_what_the_polygons_say(x: list[float], seed: int) -> None:
+    index = ZoneIndex([SQUARE, GATE, ELL, SQUARE], ["ground", "ground", "ground", "upper"], 0.3)
+    px = np.array(x)
+    py = np.random.default_rng(seed).uniform(-9, 9, len(x))
+    floor = np.random.default_rng(seed).integers(-1, 2, len(x))
+    row, zone, depth = index.nearby(px, py, floor)
+    told = {(r, z): d for r, z, d in zip(row.tolist(), zone.tolist(), depth.tolist(), strict=True)}
+    assert len(told) == len(row)
+    for r in range(len(x)):
+        for z in range(4):
+            exact = index.depth(np.array([z]), px[[r]], py[[r]])[0] if index.floor[z] == floor[r] else 0
+            assert told.get((r, z), 0) == exact
+
+
+@pytest.mark.parametrize("frames_per_s", [2, 7, 15, 30])
+def test_a_person_is_told_within_a_second_at_any_frame_rate(frames_per_s: int) -> None:
+    dt = 1 / frames_per_s
+    path = line((-3, 2), (2, 2), int(5 / 1.3 * frames_per_s))
+    crossings = make()
+    for number, (x, y) in enumerate(path):
+        if crossings.step(number * dt, np.array([1]), np.array([0]), np.array([x]), np.array([y])):
+            assert x <= 1.3, "told later than a second after the border"
+            return
+    raise AssertionError("never told")
