@@ -34,10 +34,12 @@ class ChunkerSettings:
     """A camera this far behind the newest one (or three of its own intervals) is no longer waited for."""
     oldest_phone: float = 5.0
     """Radio and motion older than this are left to the services that look back."""
-    ahead: float = 10.0
-    """A message this far in the future of the cameras is not believed, unless the cameras follow."""
-    agree: int = 3
-    """Frames in a row that must tell the same new time before a lone camera's clock change is believed."""
+    ahead: float = 2.0
+    """A frame this far ahead of all cameras is not believed at once."""
+    agree: int = 2
+    """Frames in a row that must tell the same unlikely time, nobody else telling another, before it is believed."""
+    phone_ahead: float = 5.0
+    """Radio and motion this far ahead of the cameras are not believed."""
     capacity: int = 20_000
     """Phones' messages held while no chunk closes."""
 
@@ -54,11 +56,21 @@ class Closed:
 class _Camera:
     last: float
     intervals: deque[float] = field(default_factory=lambda: deque(maxlen=16))
-    doubted: list[float] = field(default_factory=list)
 
     def next_frame(self) -> float:
         """The earliest time at which this camera's next frame can come."""
         return self.last + (min(self.intervals) if self.intervals else 0.0)
+
+
+@dataclass
+class _Doubt:
+    """A run of frames of one camera whose time could not be believed."""
+
+    first: float
+    last: float
+    count: int
+    accepted: int
+    """How many frames had been accepted, of any camera, when the run began."""
 
 
 class Chunker:
@@ -75,6 +87,8 @@ class Chunker:
         self._frames: list[tuple[DetectionFrame, str]] = []
         self._scans: _Waiting[RadioScan] = _Waiting()
         self._motions: _Waiting[MotionBatch] = _Waiting()
+        self._doubts: dict[str, _Doubt] = {}
+        self._accepted = 0
         self._closed = -1
         """Number of the last chunk that may hold no more frames of its own."""
 
@@ -107,7 +121,8 @@ class Chunker:
         else:
             camera.intervals.append(frame.t - camera.last)
             camera.last = frame.t
-            camera.doubted.clear()
+        self._accepted += 1
+        self._doubts.pop(frame.camera, None)
         self._frames.append((frame, name))
         return self._close()
 
@@ -126,42 +141,42 @@ class Chunker:
         ]
 
     def _refusal(self, frame: DetectionFrame) -> str | None:
-        """Why the frame cannot be used; a clock that was really set makes the chunker start anew."""
+        """Why the frame cannot be used, or None."""
         s = self.settings
         if not math.isfinite(frame.t):
             return "frame without a time"
         camera = self._cameras.get(frame.camera)
-        others = [other for name, other in self._cameras.items() if name != frame.camera]
-        newest = max((other.last for other in others), default=-math.inf)
-        own = camera.last if camera is not None else newest
-        if not math.isfinite(own):
-            # Before any frame, a restored state or nothing at all says what time it is.
-            return "frame too old" if self._index(frame.t) < self._closed - s.oldest_frame / s.period else None
-        if frame.t == own and camera is not None:
+        if camera is not None and frame.t == camera.last:
             return "frame twice"
-        backwards = frame.t < own - s.oldest_frame if camera is None else frame.t < own
-        far = frame.t > max(own, newest) + s.ahead
-        if not (backwards or far):
-            if self._index(frame.t) <= self._closed and frame.t < self._newest() - s.oldest_frame:
-                return "frame too late"
+        known = max(self._newest(), (self._closed + 1) * s.period if self._closed >= 0 else -math.inf)
+        if frame.t > known + s.ahead and math.isfinite(known):
+            reason = "frame from the far future"
+        elif camera is not None and frame.t < camera.last:
+            reason = "time went backwards"
+        elif frame.t < known - s.oldest_frame and self._index(frame.t) <= self._closed:
+            reason = "frame too late"
+        else:
             return None
-        reason = "frame from the far future" if far else "time went backwards"
-        known = camera if camera is not None else self._cameras.setdefault(frame.camera, _Camera(-math.inf))
-        steady = not known.doubted or 0.0 < frame.t - known.doubted[-1] < s.ahead
-        known.doubted = [*known.doubted, frame.t] if steady else [frame.t]
-        alone = all(abs(other.last - own) > s.silent for other in others) or not others
-        if alone and len(known.doubted) >= s.agree:
-            self._start_anew(backwards)
-            return None
-        return reason
+        return None if self._clock_was_set(frame) else reason
 
-    def _start_anew(self, backwards: bool) -> None:
-        """The only camera's clock was set: drop what waits with the old time and believe the new one."""
-        if backwards:
+    def _clock_was_set(self, frame: DetectionFrame) -> bool:
+        """Whether the cameras' time really jumped: several frames agree on it and no camera says otherwise."""
+        doubt = self._doubts.get(frame.camera)
+        if doubt is None or not 0.0 < frame.t - doubt.last <= self.settings.ahead:
+            self._doubts[frame.camera] = _Doubt(frame.t, frame.t, 1, self._accepted)
+            return False
+        doubt.last, doubt.count = frame.t, doubt.count + 1
+        others = any(name != frame.camera for name in self._cameras)
+        span = self.settings.silent if others else 0.0
+        if doubt.count < self.settings.agree or doubt.last - doubt.first < span or self._accepted != doubt.accepted:
+            return False
+        if frame.t < (self._closed + 1) * self.settings.period:
             self.dropped["frame of the old time"] += len(self._frames)
             self._frames.clear()
             self._closed = -1
         self._cameras.clear()
+        self._doubts.clear()
+        return True
 
     def _hold(self, waiting: _Waiting[P], message: P, name: str, kind: str) -> None:
         if not math.isfinite(message.t):
@@ -210,7 +225,7 @@ class Chunker:
         for message, name in waiting.take():
             if message.t < end - self.settings.oldest_phone:
                 self.dropped[f"{kind} too old"] += 1
-            elif message.t > end + self.settings.ahead:
+            elif message.t > end + self.settings.phone_ahead:
                 self.dropped[f"{kind} from the far future"] += 1
             else:
                 leaving.append((message, name))

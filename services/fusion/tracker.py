@@ -1,20 +1,18 @@
-"""What a tracker is: the contract every tracker meets, and where trackers are found by name.
+"""What a tracker is: the contract every tracker meets.
 
 A tracker is a pure state machine: no clock, no bus, no file. The same chunks give the same frames, to the byte; a
 tracker restored from ``state()`` goes on exactly as the one that gave it. ``tests/contract/test_trackers.py`` holds
-every registered tracker to this.
+every tracker of ``services.fusion.registry`` to this.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from services.fusion.area_view import AreaView
 from shared.messages import DetectionFrame, MotionBatch, RadioScan, TrackFrame
 
-__all__ = ["Chunk", "Tracker", "TrackerStateError", "make_tracker", "register", "tracker_names"]
+__all__ = ["Chunk", "Tracker", "TrackerStateError"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +48,7 @@ class Tracker(Protocol):
     """Seconds between the chunks it wants to be stepped with; 0 means every chunk."""
 
     def step(self, chunk: Chunk) -> TrackFrame:
-        """Consume one chunk and return everybody. Never raises for what a chunk holds: it ignores what it cannot use."""
+        """Consume one chunk and return everybody; what cannot be used is ignored, never an error."""
         ...
 
     def state(self) -> bytes:
@@ -64,28 +62,3 @@ class Tracker(Protocol):
             TrackerStateError: the bytes are no such state; the tracker is then unchanged.
         """
         ...
-
-
-Factory = Callable[[AreaView, int], Tracker]
-_factories: dict[str, Factory] = {}
-
-
-def register(name: str, factory: Factory) -> None:
-    """Make a tracker available under ``name``; the factory gets the area and a seed."""
-    _factories[name] = factory
-
-
-def tracker_names() -> tuple[str, ...]:
-    """Return the names of all registered trackers."""
-    return tuple(sorted(_factories))
-
-
-def make_tracker(name: str, view: AreaView, seed: int = 0) -> Tracker:
-    """Return a new tracker.
-
-    Raises:
-        KeyError: no tracker has this name; the text lists those there are.
-    """
-    if name not in _factories:
-        raise KeyError(f"{name!r} is no tracker; allowed: {', '.join(tracker_names())}")
-    return _factories[name](view, seed)

@@ -22,7 +22,7 @@ class RadioNoise:
 
     Attributes:
         white: from one reading to the next (fading, whole-dBm rounding).
-        shadowing: of the place: bodies, walls; fades with distance as exp(−d / ``shadowing_range``), Gudmundson's model.
+        shadowing: of the place (bodies, walls); its correlation is exp(−distance / ``shadowing_range``).
         shadowing_range: metres.
         access_point: of the access point's constants, the same in all of a device's readings of it.
         device: of the device's antenna, the same in all readings of a device.

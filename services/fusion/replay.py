@@ -1,0 +1,74 @@
+"""What fusion made of a recording, computed anew: the same chunks in the same order give the same bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+import msgspec
+
+from services.fusion.area_view import AreaView
+from services.fusion.chunks import PERIOD
+from services.fusion.registry import DEFAULT_TRACKER, make_tracker
+from services.fusion.tracker import Chunk
+from shared.messages import ChunkMark, DetectionFrame, Message, MotionBatch, RadioScan, TrackFrame
+from shared.site import Site
+
+__all__ = ["StateAnswer", "chunk_of", "replay_tracks"]
+
+
+class StateAnswer(msgspec.Struct, frozen=True, kw_only=True):
+    """What fusion answers when asked for its state: the tracker as it was after one chunk."""
+
+    chunk: int
+    """Number of that chunk; −1 before the first."""
+    tracker: str
+    seed: int = 0
+    state: Any
+
+
+def chunk_of(mark: ChunkMark, inputs: Sequence[Message]) -> Chunk:
+    """Return the chunk a mark closed; ``inputs`` are the messages it names, in its order."""
+    return Chunk(
+        index=mark.chunk,
+        t_start=mark.t_start,
+        t_end=(mark.chunk + 1) * PERIOD,
+        frames=tuple(message for message in inputs if isinstance(message, DetectionFrame)),
+        scans=tuple(message for message in inputs if isinstance(message, RadioScan)),
+        motions=tuple(message for message in inputs if isinstance(message, MotionBatch)),
+    )
+
+
+def replay_tracks(
+    chunks: Iterable[tuple[ChunkMark, Sequence[Message]]],
+    site: Site,
+    area: str,
+    state: bytes | None = None,
+    tracker: str = DEFAULT_TRACKER,
+    seed: int = 0,
+) -> Iterator[TrackFrame]:
+    """Yield the tracks of each recorded chunk.
+
+    Args:
+        chunks: each recorded mark with the messages it names, in its order.
+        site: the site of the recording.
+        area: whose chunks they are; other areas' are skipped.
+        state: what fusion answered to the state query when the recording began. The tracker is then the one that
+            answered; chunks up to that state are skipped. None: the recording began before fusion's first chunk.
+        tracker: which tracker runs where there is no state.
+        seed: its seed.
+
+    Raises:
+        TrackerStateError: the state does not fit the tracker or the site.
+        KeyError: the area or the tracker is unknown.
+    """
+    done = -1
+    answer = None if state is None else msgspec.json.decode(state, type=StateAnswer)
+    if answer is not None:
+        tracker, seed, done = answer.tracker, answer.seed, answer.chunk
+    machine = make_tracker(tracker, AreaView.of(site, area), seed)
+    if answer is not None and done >= 0:
+        machine.restore(msgspec.json.encode(answer.state))
+    for mark, inputs in chunks:
+        if mark.area == area and mark.chunk > done:
+            yield machine.step(chunk_of(mark, inputs))

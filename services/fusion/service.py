@@ -1,0 +1,222 @@
+"""Fusion as a process: detections, radio and motion in; chunk marks and tracks out; its state on request."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter as Count
+from pathlib import Path
+from typing import ClassVar
+
+import msgspec
+import structlog
+from prometheus_client import Counter, Gauge, Histogram
+
+from services.fusion.area_view import AreaView
+from services.fusion.chunks import Chunker, ChunkerSettings, Closed
+from services.fusion.registry import TRACKERS, make_tracker
+from services.fusion.replay import StateAnswer
+from services.fusion.settings import FusionSettings
+from services.fusion.tracker import TrackerStateError
+from shared.bus import Bus, Delivery, Trace
+from shared.messages import ChunkMark, DetectionFrame, Message, MotionBatch, RadioScan, TrackFrame
+from shared.runner import Health, Service
+from shared.settings import SettingsError
+from shared.site import Site
+
+__all__ = ["FusionService"]
+
+log = structlog.get_logger(__name__)
+
+_SECONDS = (0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1, 0.15, 0.25, 0.5, 1.0, 2.5, 5.0)
+FROM_DETECTION = Histogram(
+    "atrium_detection_to_track_seconds", "From the frame that closed a chunk being sent to its tracks", buckets=_SECONDS
+)
+FROM_CAPTURE = Histogram(
+    "atrium_capture_to_track_seconds", "From that frame's picture reaching the camera service", buckets=_SECONDS
+)
+STEP = Histogram("atrium_fusion_step_seconds", "Time one tracker step takes", buckets=_SECONDS)
+DROPPED = Counter("atrium_fusion_dropped_total", "Messages fusion did not use", ["reason"])
+CHUNKS = Counter("atrium_fusion_chunks_total", "Chunks closed")
+TRACKS = Gauge("atrium_fusion_tracks", "People tracked now")
+
+
+class FusionService(Service[FusionSettings]):
+    """Tracks one area."""
+
+    name = "fusion"
+    Settings = FusionSettings
+    TURN: ClassVar[float] = 0.25
+    """Seconds between two looks at clock and health while nothing arrives."""
+
+    def __init__(self, settings: FusionSettings, site: Site, bus: Bus, health: Health) -> None:
+        super().__init__(settings, site, bus, health)
+        self.area = _area_of(settings, site)
+        self.chunker = Chunker(ChunkerSettings(lateness=settings.camera_lateness))
+        self.tracker = make_tracker(settings.tracker, AreaView.of(site, self.area), settings.tracker_seed)
+        self._cameras = {camera.id for camera in site.cameras_of(self.area)}
+        self._frames_seen = dict.fromkeys(self._cameras, time.monotonic())
+        self._silent: set[str] = set()
+        self._dropped: Count[str] = Count()
+        self._chunk = -1
+        self._boundary = threading.Lock()
+        """Held while a chunk is consumed, so that a state is always one of a chunk boundary."""
+        self._saved_at, self._saved_chunk = time.monotonic(), -1
+        self._inbox = bus.inbox()
+
+    @classmethod
+    def check(cls, settings: FusionSettings, site: Site) -> None:
+        """Refuse an area or a tracker that does not exist."""
+        _area_of(settings, site)
+        if settings.tracker not in TRACKERS:
+            raise SettingsError(
+                f"tracker: {settings.tracker!r} is no tracker; allowed: {', '.join(sorted(TRACKERS))}; "
+                "set it by --tracker or ATRIUM_TRACKER"
+            )
+
+    @property
+    def instance(self) -> str:
+        """One process per area."""
+        return self.settings.instance or self.area
+
+    def run(self) -> None:
+        """Consume messages until told to stop."""
+        self._restore()
+        self._marks = self.bus.publisher(self.keys.chunks(self.area), ChunkMark)
+        self._tracks = self.bus.publisher(self.keys.tracks(self.area), TrackFrame)
+        self.bus.answer(self.keys.fusion_state(self.area), self.answer_state)
+        for camera in sorted(self._cameras):
+            self._inbox.subscribe(self.keys.detections(camera), DetectionFrame, newest=True)
+        self._inbox.subscribe(self.keys.radio(), RadioScan)
+        self._inbox.subscribe(self.keys.motion(), MotionBatch)
+        self.health.ready.set()
+        while not self.stopping.is_set():
+            for delivery in self._inbox.receive(timeout=self.TURN):
+                self._take(delivery)
+            self._look_after()
+        self._save()
+
+    def stop(self) -> None:
+        """Wake the loop so that it ends at once."""
+        super().stop()
+        self._inbox.wake()
+
+    def answer_state(self) -> bytes:
+        """Return the tracker's state at the last chunk boundary as a ``StateAnswer`` in JSON."""
+        with self._boundary:
+            chunk = self._chunk
+            state = self.tracker.state()
+        return msgspec.json.encode(
+            StateAnswer(
+                chunk=chunk, tracker=self.settings.tracker, seed=self.settings.tracker_seed, state=msgspec.Raw(state)
+            )
+        )
+
+    def _take(self, delivery: Delivery[Message]) -> None:
+        message, trace = delivery.message, delivery.trace
+        if isinstance(message, DetectionFrame):
+            if message.camera not in self._cameras:
+                self._drop("camera of another area")
+                return
+            self._frames_seen[message.camera] = time.monotonic()
+            for closed in self.chunker.add_frame(message, trace.id):
+                self._consume(closed, trace)
+        elif isinstance(message, RadioScan):
+            self.chunker.add_scan(message, trace.id)
+        elif isinstance(message, MotionBatch):
+            self.chunker.add_motion(message, trace.id)
+
+    def _consume(self, closed: Closed, trace: Trace) -> None:
+        """Step the tracker; tell first what it consumed, then what came of it."""
+        chunk = closed.chunk
+        with self._boundary:
+            began = time.perf_counter()
+            frame = self.tracker.step(chunk)
+            self._chunk = chunk.index
+            STEP.observe(time.perf_counter() - began)
+        self._marks.publish(
+            ChunkMark(
+                t=frame.t, area=self.area, chunk=chunk.index, t_start=chunk.t_start, consumed=list(closed.consumed)
+            )
+        )
+        self._tracks.publish(frame, origin=trace.origin)
+        now = time.time()
+        FROM_DETECTION.observe(max(now - trace.sent, 0.0))
+        FROM_CAPTURE.observe(max(now - trace.origin, 0.0))
+        CHUNKS.inc()
+        TRACKS.set(len(frame.track))
+
+    def _look_after(self) -> None:
+        """Count what the chunker dropped, tell which cameras are silent, save the state when it is time."""
+        for reason, count in self.chunker.dropped.items():
+            self._drop(reason, count - self._dropped[reason])
+        self._dropped = Count(self.chunker.dropped)
+        now = time.monotonic()
+        for camera, seen in self._frames_seen.items():
+            silent = now - seen
+            if silent >= self.settings.silent_after:
+                if camera not in self._silent:
+                    self.health.degraded(
+                        f"camera {camera}", f"no frames from camera {camera} for {silent:.0f} s; is it running?"
+                    )
+                self._silent.add(camera)
+            elif camera in self._silent:
+                self._silent.discard(camera)
+                self.health.well(f"camera {camera}")
+        if now - self._saved_at >= self.settings.state_every:
+            self._save()
+
+    @staticmethod
+    def _drop(reason: str, count: int = 1) -> None:
+        if count:
+            DROPPED.labels(reason).inc(count)
+
+    # -- across restarts ---------------------------------------------------------------------------------------------
+
+    @property
+    def _state_file(self) -> Path | None:
+        folder = self.settings.state_folder
+        return None if folder is None else folder / f"fusion-{self.area}.json"
+
+    def _save(self) -> None:
+        """Write the state beside the old one and swap them, so that a crash leaves one whole."""
+        self._saved_at = time.monotonic()
+        file = self._state_file
+        if file is None or self._chunk == self._saved_chunk:
+            return
+        partial = file.with_suffix(".partial")
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            partial.write_bytes(self.answer_state())
+            partial.replace(file)
+        except OSError as error:
+            self.health.degraded("state", f"cannot save the state to {file}: {error.strerror}")
+            return
+        self._saved_chunk = self._chunk
+        self.health.well("state")
+
+    def _restore(self) -> None:
+        file = self._state_file
+        if file is None or not file.is_file():
+            return
+        try:
+            saved = msgspec.json.decode(file.read_bytes(), type=StateAnswer)
+            if saved.tracker != self.settings.tracker:
+                raise TrackerStateError(f"a state of tracker {saved.tracker!r}, expected {self.settings.tracker!r}")
+            self.tracker.restore(msgspec.json.encode(saved.state))
+        except (OSError, msgspec.DecodeError, TrackerStateError) as error:
+            log.warning("starting without the saved state", file=str(file), reason=str(error))
+            return
+        self._chunk = self._saved_chunk = saved.chunk
+        self.chunker.resume_after(saved.chunk)
+        log.info("state restored", file=str(file), chunk=saved.chunk)
+
+
+def _area_of(settings: FusionSettings, site: Site) -> str:
+    known = [area.id for area in site.areas]
+    if settings.area in known:
+        return settings.area
+    if not settings.area and len(known) == 1:
+        return known[0]
+    found = f"{settings.area!r} is no area of the site" if settings.area else "the site has several areas"
+    raise SettingsError(f"area: {found}; allowed: {', '.join(known)}; set it by --area or ATRIUM_AREA")

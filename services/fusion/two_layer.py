@@ -1,0 +1,155 @@
+"""The default tracker: anonymous positions from the cameras, names from the radio."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from services.fusion.anonymous import AnonymousLayer, AnonymousSettings
+from services.fusion.area_view import AreaView
+from services.fusion.identity import IdentityLayer, IdentitySettings
+from services.fusion.tracker import Chunk, TrackerStateError
+from shared.messages import TrackFrame, pack_covariances
+
+__all__ = ["AnonymousTracker", "TwoLayerTracker"]
+
+
+class AnonymousTracker:
+    """Positions only: everybody stays anonymous."""
+
+    name = "anonymous"
+    cycle = 0.0
+
+    def __init__(self, view: AreaView, settings: AnonymousSettings | None = None) -> None:
+        self.positions = AnonymousLayer(view, settings)
+
+    def step(self, chunk: Chunk) -> TrackFrame:
+        """Consume one chunk."""
+        self.positions.begin_chunk()
+        for frame in chunk.frames:
+            self.positions.observe(frame)
+        return self._frame(chunk)
+
+    def state(self) -> bytes:
+        """Return all the tracker knows, as JSON."""
+        return msgspec.json.encode({"tracker": self.name, **self._state()})
+
+    def restore(self, state: bytes) -> None:
+        """Go on from a state of the same tracker."""
+        try:
+            parts = msgspec.json.decode(state)
+            if parts["tracker"] != self.name:
+                raise TrackerStateError(f"a state of tracker {parts['tracker']!r}, expected {self.name!r}")
+            self._restore(parts)
+        except TrackerStateError:
+            raise
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise TrackerStateError(f"not a state of tracker {self.name!r}: {error}") from error
+
+    def _state(self) -> dict[str, Any]:
+        return {"positions": self.positions.state()}
+
+    def _restore(self, parts: dict[str, Any]) -> None:
+        self.positions.restore(parts["positions"])
+
+    def _frame(self, chunk: Chunk) -> TrackFrame:
+        tracks = self.positions.tracks
+        told = np.flatnonzero(tracks.confirmed & (tracks.missed <= self.positions.settings.report))
+        mean, fed = tracks.mean[told], tracks.fed[told].tolist()
+        names = self.positions.cameras
+        count = len(told)
+        columns: dict[str, Any] = {
+            "track": tracks.ids[told].tolist(),
+            "device": [None] * count,
+            "probability": [1.0] * count,
+            "runner_up": [None] * count,
+            "runner_up_probability": [0.0] * count,
+            "former": [[] for _ in range(count)],
+            "sources": [[name for bit, name in enumerate(names) if mask >> bit & 1] for mask in fed],
+        }
+        self._name(columns)
+        return TrackFrame(
+            t=max((frame.t for frame in chunk.frames if math.isfinite(frame.t)), default=chunk.t_start),
+            area=self.positions.view.area,
+            chunk=chunk.index,
+            tracker=self.name,
+            floor=[self.positions.view.floor] * count,
+            x=mean[:, 0].tolist(),
+            y=mean[:, 1].tolist(),
+            vx=mean[:, 2].tolist(),
+            vy=mean[:, 3].tolist(),
+            covariance=pack_covariances(tracks.covariance[told][:, :2, :2]),
+            state=["confirmed" if mask else "coasting" for mask in fed],
+            quality=tracks.quality[told].tolist(),
+            **columns,
+        )
+
+    def _name(self, columns: dict[str, Any]) -> None:
+        """Fill in who the tracks are; nobody knows here."""
+
+
+class TwoLayerTracker(AnonymousTracker):
+    """Positions at camera rate; on them, names as scans come in."""
+
+    name = "two-layer"
+
+    def __init__(
+        self,
+        view: AreaView,
+        settings: AnonymousSettings | None = None,
+        identity: IdentitySettings | None = None,
+    ) -> None:
+        super().__init__(view, settings)
+        self.identity = IdentityLayer(view, identity)
+        self._heard: set[str] = set()
+
+    def step(self, chunk: Chunk) -> TrackFrame:
+        """Consume one chunk."""
+        self.positions.begin_chunk()
+        for frame in chunk.frames:
+            self.positions.observe(frame)
+        for batch in chunk.motions:
+            self.identity.motion(batch)
+        tracks = self.positions.tracks
+        sure = tracks.confirmed
+        self._heard = set()
+        if math.isfinite(self.positions.t):
+            self._heard = self.identity.step(self.positions.t, tracks.ids[sure], tracks.mean[sure, :2], chunk.scans)
+        return self._frame(chunk)
+
+    def _name(self, columns: dict[str, Any]) -> None:
+        layer = self.identity
+        if not columns["track"] or not any(device is not None for device in layer.devices):
+            return
+        places = layer.columns(np.array(columns["track"])).tolist()
+        owners = {column: row for row, column in enumerate(layer.given.tolist()) if column >= 0}
+        for index, (track, column) in enumerate(zip(columns["track"], places, strict=True)):
+            chances = layer.probability[:, column]
+            owner = owners.get(column)
+            nobody = min(max(1.0 - float(chances.sum()), 0.0), 1.0)
+            columns["probability"][index] = nobody if owner is None else min(float(chances[owner]), 1.0)
+            columns["former"][index] = layer.former.get(track, [])
+            if owner is not None:
+                columns["device"][index] = layer.devices[owner]
+                if layer.devices[owner] in self._heard:
+                    columns["sources"][index].append(layer.devices[owner])
+                chances = chances.copy()
+                chances[owner] = -1.0
+            rival = int(np.argmax(chances))
+            if chances[rival] > 0.01 and layer.devices[rival] is not None:
+                columns["runner_up"][index] = layer.devices[rival]
+                columns["runner_up_probability"][index] = min(float(chances[rival]), 1.0)
+
+    def _state(self) -> dict[str, Any]:
+        return {**super()._state(), "identity": self.identity.state()}
+
+    def _restore(self, parts: dict[str, Any]) -> None:
+        positions, identity = parts["positions"], parts["identity"]
+        # Restored into fresh layers first: a broken state leaves the tracker as it was.
+        fresh = AnonymousLayer(self.positions.view, self.positions.settings)
+        fresh.restore(positions)
+        self.identity.restore(identity)
+        self.positions = fresh
