@@ -58,10 +58,11 @@ def _header(title: str, can_sign_out: bool) -> None:
 
 
 def _panel(name: str, heading: str, empty: str) -> None:
+    spoken = ' aria-live="polite" aria-relevant="additions"' if name == "alerts" else ""
     with ui.element("section").classes("atrium-panel").props(f'aria-labelledby="{name}-heading"'):
         ui.html(
             f'<h2 id="{name}-heading">{heading} <span id="{name}-count" class="count"></span></h2>'
-            f'<ul id="{name}" class="rows" data-empty="{empty}"></ul>',
+            f'<ul id="{name}" class="rows" data-empty="{empty}"{spoken}></ul>',
             sanitize=False,
         )
 

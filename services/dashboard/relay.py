@@ -131,7 +131,8 @@ class Relay:
         except httpx.ConnectError:
             return f"The API at {self._url} cannot be reached; is it running?"
         except httpx.HTTPError as error:
-            return f"The connection to the API was lost ({type(error).__name__})."
+            log.debug("connection lost", error=repr(error))
+            return "The connection was lost."
         except (StreamError, msgspec.MsgspecError, KeyError, TypeError) as error:
             UNREADABLE.inc()
             log.warning("the API's answer was not understood", error=str(error))

@@ -7,6 +7,9 @@ import { Pointer } from "./pointer.js";
 import { Tracks } from "./tracks.js";
 import { Viewport } from "./viewport.js";
 
+const DRAW_EVERY_MS = 30; // people walk: thirty pictures a second are smooth, and half the work of sixty
+const RATE_OVER_MS = 3000;
+
 const identities = new Identities();
 const tracks = new Tracks();
 const view = new Viewport();
@@ -14,6 +17,7 @@ const state = { site: null, floor: null, occupancy: new Map(), lit: new Map(), c
 const heard = { api: false, reason: "", dashboard: false, frame: null, arrivals: [] };
 const layers = {};
 let fitted = null;
+let drawn = 0;
 let people = [];
 
 // NiceGUI builds the page after this module has loaded.
@@ -35,7 +39,10 @@ function listen() {
     else listen();
   };
   on("connection", (news) => {
-    if (heard.api && !news.connected) tracks.clear();
+    if (!news.connected) {
+      tracks.clear();
+      state.occupancy.clear();
+    }
     heard.api = news.connected;
     heard.reason = news.reason;
   });
@@ -47,7 +54,7 @@ function listen() {
     const now = performance.now();
     tracks.accept(frame, now);
     heard.frame = now;
-    heard.arrivals.push(now);
+    heard.arrivals.push({ area: frame.area, at: now });
   });
   on("alerts", (alerts) => panels.alerts(alerts));
   on("alert", (alert) => {
@@ -107,6 +114,8 @@ function zonesOn(floor) {
 
 function draw(now) {
   requestAnimationFrame(draw);
+  if (now - drawn < DRAW_EVERY_MS) return;
+  drawn = now;
   people = tracks.at(now);
   const ratio = window.devicePixelRatio || 1;
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -131,7 +140,7 @@ function draw(now) {
 // Once or twice a second is enough for words.
 function tell() {
   const now = performance.now();
-  heard.arrivals = heard.arrivals.filter((arrival) => arrival > now - 3000);
+  heard.arrivals = heard.arrivals.filter((arrival) => arrival.at > now - RATE_OVER_MS);
   const problem = whatIsWrong(now);
   const banner = document.getElementById("atrium-banner");
   if (banner.textContent !== problem) banner.textContent = problem;
@@ -143,7 +152,7 @@ function tell() {
   // What is shown without a connection is memory, not the present.
   document.body.classList.toggle("stale", !(heard.api && heard.dashboard));
   if (problem === "") {
-    const rate = heard.arrivals.length / 3;
+    const rate = updatesPerSecond(now);
     const age = (now - heard.frame) / 1000;
     status.textContent =
       `${count(present.length, "person", "people")}, ${located} with a located phone · ` +
@@ -166,6 +175,14 @@ function whatIsWrong(now) {
   const silent = (now - heard.frame) / 1000;
   if (silent > 5) return `No positions for ${Math.round(silent)} seconds: are the cameras and fusion running?`;
   return "";
+}
+
+// Of one area, on average: areas are tracked side by side.
+function updatesPerSecond(now) {
+  if (heard.arrivals.length === 0) return 0;
+  const areas = new Set(heard.arrivals.map((arrival) => arrival.area)).size;
+  const span = Math.max(now - heard.arrivals[0].at, 500) / 1000;
+  return heard.arrivals.length / areas / span;
 }
 
 function count(number, one, many) {
@@ -213,11 +230,9 @@ setInterval(tell, 500);
 
 // What the map shows, for tests and for the curious in the browser's console.
 window.atrium = {
-  get people() {
-    return people.map(({ key, floor, device, probability, state: how, x, y }) => (
-      { key, floor, device, probability, state: how, x, y, screen: view.toScreen(x, y) }
-    ));
-  },
+  tracks: () => people.map(({ key, track, floor, device, probability, state: how, x, y }) => (
+    { key, track, floor, device, probability, state: how, x, y, screen: view.toScreen(x, y) }
+  )),
   get frames() {
     return tracks.frames;
   },
@@ -230,5 +245,6 @@ window.atrium = {
   get scale() {
     return view.scale;
   },
+  toScreen: (x, y) => view.toScreen(x, y),
   colourOf: (device) => identities.colourOf(device),
 };
