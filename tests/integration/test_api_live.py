@@ -1,6 +1,7 @@
 """The api service as a client meets it: a real router, real messages on the bus, real HTTP and a real event stream."""
 
 import json
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ from waiting import wait_until
 
 from services.api.service import ApiService
 from services.api.settings import ApiSettings
+from services.api.stream import SKIPPED
 from shared.bus import Bus, router
 from shared.keys import Keys
 from shared.messages import Alert, CameraStatus, TrackFrame
@@ -62,6 +64,7 @@ def site(project: Path) -> Site:
 @contextmanager
 def running(site: Site, project: Path, endpoint: str, port: int, **changes: object) -> Iterator[str]:
     """One api service, in this process, until the block ends; yields its address."""
+    changes = {"stream_keep_alive": 0.3} | changes
     settings = ApiSettings(
         site_file=project / "deploy/sites/hall/site.yaml",
         profile="demo",
@@ -229,7 +232,7 @@ def test_positions_age_and_health_tells_when_tracks_stop(
     site: Site, project: Path, zenoh_router: str, free_port: int
 ) -> None:
     with (
-        running(site, project, zenoh_router, free_port, stale_after=0.3, stream_keep_alive=0.2) as address,
+        running(site, project, zenoh_router, free_port, stale_after=0.3) as address,
         Bus([zenoh_router]) as bus,
     ):
         publishing(bus, lambda: get(address, "/v1/positions")["positions"], "a position")
@@ -293,3 +296,31 @@ def test_bad_input_is_a_typed_answer(site: Site, project: Path, zenoh_router: st
         site_body = httpx.get(f"{address}/v1/site", headers=KEY).text
         assert "mjpeg" not in site_body
         assert "02:a7" not in site_body
+
+
+def test_a_reader_that_stops_reading_costs_nothing_and_finds_the_newest(
+    site: Site, project: Path, zenoh_router: str, free_port: int
+) -> None:
+    with (
+        running(site, project, zenoh_router, free_port, stream_rate=100.0),
+        Bus([zenoh_router]) as bus,
+        socket.socket() as client,
+    ):
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        client.connect(("127.0.0.1", free_port))
+        client.sendall(b"GET /v1/stream HTTP/1.1\r\nHost: x\r\nX-API-Key: demo-api-key\r\n\r\n")
+        tracks = bus.publisher(KEYS.tracks("hall"), TrackFrame)
+        number = 0
+
+        def crowd() -> bool:
+            nonlocal number
+            number += 1
+            tracks.publish(frame(float(number), chunk=number, people=1000))
+            return SKIPPED.labels("tracks")._value.get() > 20
+
+        wait_until(crowd, DEADLINE, "events to be skipped for the reader that does not read")
+        client.settimeout(DEADLINE)
+        last = f'"t":{number}.0,'.encode()
+        seen = b""
+        while last not in seen:
+            seen = seen[-40:] + client.recv(1 << 20)

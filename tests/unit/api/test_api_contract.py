@@ -1,0 +1,134 @@
+"""What is promised on paper: the OpenAPI document, its examples, the keys, and the site as a map gets it."""
+
+import json
+import math
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import shapely
+
+from services.api.app import create_app
+from services.api.auth import KeyRing
+from services.api.health_report import Presence, health_report
+from services.api.live_state import LiveState
+from services.api.replies import EXAMPLES, AreaFreshness, HealthReport, Reply
+from services.api.service import ApiService
+from services.api.settings import ApiSettings
+from services.api.site_view import footprint, site_view
+from services.api.stream import Hub
+from shared.settings import SettingsError, read_settings
+from shared.site import CameraGeometry, load_site
+
+SITE = "deploy/sites/hall/site.yaml"
+
+
+@pytest.mark.parametrize("kind", EXAMPLES, ids=lambda kind: kind.__name__)
+def test_every_example_is_what_it_exemplifies(kind: type[Reply]) -> None:
+    example = json.dumps(EXAMPLES[kind])
+    decoded = msgspec.json.decode(example, type=kind)
+    assert set(json.loads(msgspec.json.encode(decoded))) == set(EXAMPLES[kind])
+
+
+def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: Path) -> None:
+    site = load_site(project / SITE)
+    settings = ApiSettings(site_file=project / SITE, profile="demo")
+    live, hub = LiveState(site, 60.0, 5.0, 10), Hub(10.0, 5.0, 10)
+    empty = HealthReport(t=0.0, status="ok", problems=[], services=[], areas=[], cameras=[])
+    document = create_app(settings, site, b"{}", live, hub, lambda _: empty).openapi()
+    text = json.dumps(document)
+    schemas = document["components"]["schemas"]
+    for reference in {part.split('"')[0] for part in text.split("#/components/schemas/")[1:]}:
+        assert reference in schemas
+    assert {"Position", "TrackColumns", "Alert", "CameraReport", "Problem"} <= set(schemas)
+    for path, operations in document["paths"].items():
+        answers = operations["get"]["responses"]
+        assert {"200", "401", "403"} <= set(answers), path
+        assert "example" in json.dumps(answers["200"]), path
+    assert document["security"]
+
+
+def test_keys_are_read_in_every_documented_form(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def scopes(text: str, presented: str) -> frozenset[str] | None:
+        monkeypatch.setenv("ATRIUM_API_KEYS", text)
+        settings = read_settings(ApiSettings, ["--site-file", str(project / SITE)])
+        assert presented not in str(settings.shown())
+        found: frozenset[str] | None = KeyRing(settings.api_keys).scopes_of(presented.encode())
+        return found
+
+    everything = {"positions", "alerts", "site", "health"}
+    assert scopes("a-long-secret-key-1", "a-long-secret-key-1") == everything
+    assert scopes("a-long-secret-key-1, a-long-secret-key-2", "a-long-secret-key-2") == everything
+    assert scopes('["a-long-secret-key-1"]', "a-long-secret-key-1") == everything
+    assert scopes('{"guide": "a-long-secret-key-1"}', "a-long-secret-key-1") == everything
+    one = '[{"name": "guide", "key": "a-long-secret-key-1", "scopes": ["positions"]}]'
+    assert scopes(one, "a-long-secret-key-1") == {"positions"}
+    assert scopes(one, "a-long-secret-key-2") is None
+    assert scopes(one, "a-long-secret-key-") is None
+
+
+@pytest.mark.parametrize("keys", ["demo-api-key", "short-key", '["a-long-secret-key-1", "demo-api-key"]'])
+def test_keys_that_anybody_could_guess_are_refused_outside_the_demo(
+    keys: str, project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ATRIUM_API_KEYS", keys)
+    with pytest.raises(SettingsError, match="ATRIUM_API_KEYS"):
+        ApiService.check(read_settings(ApiSettings, ["--site-file", str(project / SITE)]), load_site(project / SITE))
+
+
+@pytest.mark.parametrize("keys", ["[", "", '[{"key": "a-long-secret-key-1", "scopes": ["all"]}]', '{"a": 1}'])
+def test_malformed_keys_are_a_message_and_not_a_crash(
+    keys: str, project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ATRIUM_API_KEYS", keys)
+    with pytest.raises(SettingsError, match="api_keys"):
+        read_settings(ApiSettings, ["--site-file", str(project / SITE)])
+
+
+def test_the_site_view_tells_where_cameras_look_but_not_where_their_pictures_come_from(project: Path) -> None:
+    site = load_site(project / SITE)
+    view = site_view(site)
+    text = msgspec.json.encode(view).decode()
+    assert "http" not in text
+    assert "02:a7" not in text
+    polygon = shapely.Polygon(view.cameras[0].footprint)
+    assert polygon.is_valid
+    assert shapely.Polygon(site.floors[0].outline).buffer(0.01).contains(polygon)
+    assert polygon.contains(shapely.Point(10.0, 6.0))
+
+
+@pytest.mark.parametrize("pitch_target", [0.0, 3.0, 5.9, 6.0, 8.0])
+@pytest.mark.parametrize("fov", [40, 90, 120])
+def test_a_camera_that_sees_the_horizon_has_a_finite_footprint_of_what_it_sees(pitch_target: float, fov: int) -> None:
+    camera = CameraGeometry.from_pose((640, 480), (5.0, -2.0, 6.0), (10.0, 8.0, pitch_target), math.radians(fov))
+    outline = shapely.box(0.0, 0.0, 20.0, 12.0)
+    ring = footprint(camera, None, outline)
+    generator = np.random.default_rng(0)
+    points = generator.uniform((0.0, 0.0), (20.0, 12.0), (2000, 2))
+    pixel = camera.to_image(np.column_stack([points, np.zeros(len(points))]))
+    with np.errstate(invalid="ignore"):
+        seen = (pixel >= 0.0).all(axis=1) & (pixel <= (639.0, 479.0)).all(axis=1)
+    drawn = shapely.contains_xy(shapely.Polygon(ring), *points.T) if ring else np.zeros(len(points), bool)
+    assert np.mean(seen != drawn) < 0.03
+
+
+def test_health_says_in_plain_words_what_is_wrong() -> None:
+    presence = Presence()
+    presence.seen(["atrium/1/hall/alive/fusion/a", "atrium/1/hall/alive/fusion/b"])
+    presence.seen(["atrium/1/hall/alive/fusion/a"])
+    report = health_report(
+        100.0,
+        connected=True,
+        services=presence.services(),
+        areas=[AreaFreshness(area="hall", t=80.0, age=20.0, people=3)],
+        cameras=[],
+        expected=["fusion", "geofence"],
+        stale_after=3.0,
+    )
+    assert report.status == "degraded"
+    assert report.problems == [
+        "the geofence service is not running: no alerts are raised",
+        "fusion b was running and is gone",
+        "area hall: no tracks for 20 s, positions are getting old",
+    ]

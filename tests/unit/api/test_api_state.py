@@ -1,0 +1,120 @@
+"""What the API tells of tracks, devices and alerts: ages, bounds, and which of two claims counts."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from services.api.live_state import LiveState
+from shared.messages import Alert, CameraStatus, TrackFrame
+from shared.site import load_site
+
+
+def frame(
+    t: float, devices: list[str | None], area: str = "hall", probability: list[float] | None = None
+) -> TrackFrame:
+    n = len(devices)
+    return TrackFrame(
+        t=t,
+        area=area,
+        chunk=0,
+        tracker="test",
+        track=list(range(n)),
+        floor=["ground"] * n,
+        x=[10.0 + i for i in range(n)],
+        y=[1.0] * n,
+        covariance=[(0.04, 0.0, 0.04)] * n,
+        vx=[0.0] * n,
+        vy=[0.0] * n,
+        state=["confirmed"] * n,
+        device=devices,
+        probability=probability or [0.9] * n,
+        runner_up=[None] * n,
+        runner_up_probability=[0.0] * n,
+        former=[[] for _ in range(n)],
+        sources=[[] for _ in range(n)],
+        quality=[1.0] * n,
+    )
+
+
+def alert(number: int, zone: str = "entrance") -> Alert:
+    return Alert(
+        t=float(number), id=f"a-{number}", zone=zone, kind="enter", area="hall", track=1, floor="ground", x=0.0, y=0.0
+    )
+
+
+@pytest.fixture
+def live(project: Path) -> LiveState:
+    site = load_site(project / "deploy/sites/hall/site.yaml")
+    return LiveState(site, positions_kept=60.0, tracks_kept=5.0, alerts_kept=3)
+
+
+def positions(live: LiveState, now: float) -> list[dict[str, object]]:
+    told: list[dict[str, object]] = json.loads(live.positions_json(now))["positions"]
+    return told
+
+
+def test_a_device_out_of_sight_is_lost_with_a_growing_age_and_dropped_at_last(live: LiveState) -> None:
+    live.take_tracks(frame(50.0, ["p"]), origin=100.0)
+    live.take_tracks(frame(50.1, [None]), origin=100.1)
+    first, later = positions(live, 101.0)[0], positions(live, 130.0)[0]
+    assert (first["state"], first["age"], later["age"]) == ("lost", 1.0, 30.0)
+    assert positions(live, 161.0) == []
+    assert live.position("p", 161.0) is None
+
+
+def test_ages_grow_without_any_frame(live: LiveState) -> None:
+    live.take_tracks(frame(50.0, ["p"]), origin=100.0)
+    assert [positions(live, now)[0]["age"] for now in (100.5, 101.5)] == [0.5, 1.5]
+
+
+def test_bytes_are_built_once_per_frame_and_not_per_request(live: LiveState) -> None:
+    live.take_tracks(frame(50.0, ["p"]), origin=100.0)
+    first = live.positions_json(100.0)
+    assert live.positions_json(100.1) is first
+    live.take_tracks(frame(50.1, ["p"]), origin=100.1)
+    assert live.positions_json(100.1) is not first
+
+
+def test_of_two_tracks_that_claim_one_device_the_surer_has_it(live: LiveState) -> None:
+    live.take_tracks(frame(50.0, ["p", "p"], probability=[0.4, 0.8]), origin=100.0)
+    assert [p["track"] for p in positions(live, 100.0)] == [1]
+    live.take_tracks(frame(50.1, ["p", "p"], probability=[0.8, 0.4]), origin=100.1)
+    assert [p["track"] for p in positions(live, 100.1)] == [0]
+
+
+def test_a_late_frame_does_not_turn_time_back_but_a_new_pass_of_a_recording_counts(live: LiveState) -> None:
+    assert live.take_tracks(frame(50.0, ["p"]), origin=100.0)
+    assert not live.take_tracks(frame(49.9, ["q"]), origin=99.9)
+    assert live.take_tracks(frame(1.0, ["q"]), origin=101.0)
+
+
+def test_an_area_not_in_the_site_file_is_left_out(live: LiveState) -> None:
+    assert not live.take_tracks(frame(50.0, ["p"], area="elsewhere"), origin=100.0)
+    assert positions(live, 100.0) == []
+
+
+def test_old_tracks_are_no_longer_shown_nor_counted(live: LiveState) -> None:
+    live.take_tracks(frame(50.0, ["p", None]), origin=100.0)
+    assert [zone["inside"] for zone in json.loads(live.zones_json(101.0))["zones"]] == [2, 0]
+    assert len(json.loads(live.tracks_json("hall", 101.0))["tracks"]) == 2
+    assert [zone["inside"] for zone in json.loads(live.zones_json(106.0))["zones"]] == [0, 0]
+    assert json.loads(live.tracks_json(None, 106.0))["tracks"] == []
+
+
+def test_alerts_are_told_once_newest_first_and_the_oldest_give_way(live: LiveState) -> None:
+    assert [live.take_alert(alert(n)) for n in (1, 3, 2, 2, 4)] == [True, True, True, False, True]
+    assert [a.t for a in live.alerts(0.0, None, None, 10).alerts] == [4.0, 3.0, 2.0]
+    assert not live.take_alert(alert(0)), "older than all that are held"
+    assert [a.t for a in live.alerts(0.0, 2.0, None, 1).alerts] == [4.0]
+    assert live.alerts(0.0, None, "model-corner", 10).alerts == []
+    assert [a.t for a in live.alerts_after("a-2")] == [3.0, 4.0]
+    assert live.alerts_after("forgotten") == []
+
+
+def test_a_camera_of_another_site_and_an_old_status_are_left_out(live: LiveState) -> None:
+    assert live.camera("hall-east", 0.0).state == "unknown"
+    assert live.take_status(CameraStatus(t=2.0, camera="hall-east", state="ok"), 10.0)
+    assert not live.take_status(CameraStatus(t=1.0, camera="hall-east", state="ended"), 11.0)
+    assert not live.take_status(CameraStatus(t=3.0, camera="spy", state="ok"), 11.0)
+    assert (live.camera("hall-east", 12.0).state, live.camera("hall-east", 12.0).age) == ("ok", 2.0)
