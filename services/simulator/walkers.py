@@ -8,6 +8,7 @@ comes from one seed, so that the same seed walks the same way however often time
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -98,6 +99,7 @@ class Walkers:
         self._velocity: Array = np.zeros((count, 2))
         self._walked = np.zeros(count)
         self._steps = 0
+        self._lock = threading.Lock()  # renderer, phones and truth ask from threads of their own
         # Ring of rows (x, y, heading, speed, walked, present) per visitor, for times step · STEP.
         self._history = np.zeros((_REMEMBERED, count, 6))
         self._remember()
@@ -109,8 +111,9 @@ class Walkers:
 
     def advance(self, until: float) -> None:
         """Walk on until time ``until`` has been reached or passed."""
-        while self._steps * STEP < until:
-            self._step()
+        with self._lock:
+            while self._steps * STEP < until:
+                self._step()
 
     def snapshot(self, t: float) -> Snapshot:
         """Return everybody inside the outline at time ``t``, walking on as far as needed."""
@@ -142,6 +145,10 @@ class Walkers:
 
     def _rows(self, times: Array) -> Array:
         """Interpolate the history at (n,) times: (n, people, 6)."""
+        with self._lock:
+            return self._interpolated(times)
+
+    def _interpolated(self, times: Array) -> Array:
         place = np.clip(np.asarray(times, float) / STEP, 0.0, self._steps)
         before = np.minimum(np.floor(place).astype(int), max(self._steps - 1, 0))
         after = np.minimum(before + 1, self._steps)
