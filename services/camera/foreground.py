@@ -26,6 +26,13 @@ FOREGROUND = 255
 """MOG2 marks shadows 127 and foreground 255."""
 GAIN_STEP = 8
 """Every how many pixels the light is sampled."""
+NOISE = 4.0
+"""Grey levels of noise every camera has (compression, flicker): no background is held to be steadier."""
+BACKGROUND_RATIO = 0.6
+"""Share of a pixel's past that makes its background: with the default learning rate, who stands still for 50 s
+becomes part of it (ln(1 / 0.6) / 0.01); OpenCV's 0.9 would forget people after 10 s."""
+FLOOD = 0.6
+"""A larger share of foreground than this is no crowd: the camera moved or the light jumped."""
 
 
 class ForegroundOptions(BaseModel):
@@ -35,11 +42,11 @@ class ForegroundOptions(BaseModel):
 
     learning_rate: float = Field(0.01, gt=0, le=10, description="share of the background renewed per second")
     sensitivity: float = Field(
-        24.0, gt=1, le=200, description="squared standard deviations from the background that make foreground"
+        16.0, gt=1, le=200, description="squared standard deviations from the background that make foreground"
     )
-    shadow_ratio: float = Field(0.7, gt=0, lt=1, description="down to this share of the light it is a shadow")
-    person_height: float = Field(1.65, ge=0.5, le=2.5, description="metres")
-    person_width: float = Field(0.45, ge=0.2, le=1.5, description="metres")
+    shadow_ratio: float = Field(0.6, gt=0, lt=1, description="down to this share of the light it is a shadow")
+    person_height: float = Field(1.75, ge=0.5, le=2.5, description="metres")
+    person_width: float = Field(0.4, ge=0.2, le=1.5, description="metres")
     density: float = Field(0.3, gt=0, lt=1, description="filled share of a person's patch that still means nothing")
     least_gain: float = Field(0.1, gt=0, lt=1, description="how much more of the patch must be filled")
     picture_width: int = Field(960, ge=64, description="wider pictures are shrunk to this before anything else, pixels")
@@ -79,6 +86,8 @@ class ForegroundDetector:
         """Forget the background."""
         self._model = cv2.createBackgroundSubtractorMOG2(500, self._options.sensitivity, True)
         self._model.setShadowThreshold(self._options.shadow_ratio)
+        self._model.setBackgroundRatio(BACKGROUND_RATIO)
+        self._model.setVarMin(NOISE**2)
         self._light: NDArray[np.float32] | None = None
         self._seen = 0
         self._first = self._last = 0.0
@@ -91,6 +100,10 @@ class ForegroundDetector:
         rate = self._rate(t)
         marked = self._model.apply(self._corrected(image, rate), learningRate=rate)
         self.mask = self._cleaned(cast(NDArray[np.uint8], marked))
+        if float(np.mean(self.mask)) > FLOOD:
+            self._seen = 1  # learn afresh, as fast as at the start
+            self._first = t
+            return Detections.none()
         return self._in_picture(self._templates.split(self.mask.copy(), self._options.least_gain))
 
     def _rate(self, t: float) -> float:

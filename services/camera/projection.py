@@ -1,7 +1,7 @@
 """Where on the floor do these feet stand, and how well is it known? Foot pixels to metres with covariance.
 
-A foot pixel is wrong by a share of how tall the person *appears*, more along the body than across it; carried through
-the camera's geometry that is an ellipse which stretches along the line of sight and grows with distance.
+A foot pixel is wrong by a share of how tall the person *appears*; carried through the camera's geometry that is an
+ellipse which stretches along the line of sight and grows with distance.
 """
 
 from __future__ import annotations
@@ -18,10 +18,8 @@ from shared.site import CameraGeometry
 
 __all__ = ["GroundDetections", "Projection"]
 
-ACROSS = 0.05
-"""Standard deviation of a foot pixel across the body, share of its apparent height."""
-ALONG = 0.06
-"""The same along the body: feet are cut off by shadows and the background more often than sides are."""
+FOOT_SIGMA = 0.05
+"""Standard deviation of a foot pixel across and down the picture, share of the person's apparent height."""
 FLOOR_SIGMA = 0.1
 """Metres: a person's middle is not quite above where the feet are seen."""
 
@@ -87,7 +85,6 @@ class Projection:
         )
 
     def _covariances(self, feet: Floats, heights: Floats) -> Floats:
-        jacobian = self.geometry.ground_jacobian(feet)
-        spread = jacobian * (heights[:, None] * np.array([ACROSS, ALONG]))[:, None, :]
+        spread = self.geometry.ground_jacobian(feet) * (FOOT_SIGMA * heights)[:, None, None]
         covariances: Floats = spread @ spread.transpose(0, 2, 1) + FLOOR_SIGMA**2 * np.eye(2)
         return covariances

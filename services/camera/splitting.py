@@ -12,6 +12,7 @@ the picture (towards the edge of a wide lens) or are seen from above have patche
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from typing import cast
 
@@ -27,7 +28,7 @@ __all__ = ["PersonTemplates"]
 SLICES = 4
 STRIDE = 2
 """Pixels between foot points; the mask is small (see ``foreground``), so this is a few centimetres to decimetres."""
-SMALLEST = 10.0
+SMALLEST = 16.0
 """Pixels of expected height below which a person cannot be told from noise."""
 FARTHEST = 150.0
 """Metres: beyond it a pixel spans metres of floor and a position says nothing."""
@@ -35,6 +36,10 @@ MARGIN = 0.25
 """Share of the picture's height around it in which feet are looked for: people half in view must not be pulled in."""
 VISIBLE = 0.5
 """Share of a patch that must lie inside the picture."""
+TALLER = 0.2
+"""How far, as a share, people may be taller or shorter than expected."""
+BENEATH = 0.2
+"""Share of the height that is looked at under the feet: foreground there is somebody nearer, who must go first."""
 CLEARED = 1.2
 """How much wider than a person is what their taking clears: arms and the smear of the mask belong to them."""
 
@@ -50,11 +55,12 @@ class PersonTemplates:
         shape: height and width of the mask.
         feet: (n, 2) pixels.
         heads: (n, 2) pixels of the top of the head.
-        corners: (n, 4 · SLICES) flat indices into the integral image, ordered by corner: all +, all −.
+        corners: (n, 4 · SLICES) flat indices into the integral image of the slices, see ``_flat``.
         area: (n,) pixels inside the picture, overlapping slices counted as often as they overlap.
         slices: (n, SLICES, 4) left, top, right, bottom of each slice, not clipped.
         hulls: (n, 4) the same of the whole patch.
-        whole: (n, 4) flat indices of the clipped hull's corners: +, +, −, −.
+        whole: (n, 4) flat indices of the hull.
+        beneath: (n, 4) flat indices of what lies under the feet, as far as it sticks out of the hull.
         density: least share of the patch that counts as filled background noise.
     """
 
@@ -66,6 +72,7 @@ class PersonTemplates:
     slices: Ints
     hulls: Floats
     whole: Ints
+    beneath: Ints
     density: float
 
     @classmethod
@@ -99,30 +106,25 @@ class PersonTemplates:
 
         full = np.prod(boxes[..., 2:] - boxes[..., :2], axis=2).sum(axis=1)
         limit = np.array([columns, rows, columns, rows], float)
+        deep = np.maximum(np.rint(_at_height(geometry, ground, -BENEATH * height)[:, 1]), hulls[:, 3])
+        under = np.clip(np.stack([boxes[:, 0, 0], hulls[:, 3], boxes[:, 0, 2], deep], axis=1), 0.0, limit)
         slices = boxes
         boxes = np.clip(boxes, 0.0, limit)
         area = np.prod(boxes[..., 2:] - boxes[..., :2], axis=2).sum(axis=1)
         extent = np.linalg.norm(axis[:, -1] - axis[:, 0], axis=1) + 2.0 * radius[:, -1, 1]
         with np.errstate(invalid="ignore", divide="ignore"):
             good = np.isfinite(full) & (area > 0.0) & (area >= VISIBLE * full) & (extent >= SMALLEST)
-        boxes = boxes[good].astype(np.int64)
-        clipped = np.clip(hulls[good], 0.0, limit).astype(np.int64)
-        pitch = columns + 1
-        left, top, right, bottom = (boxes[..., side] for side in range(4))
-        corners = np.concatenate(
-            [bottom * pitch + right, top * pitch + left, top * pitch + right, bottom * pitch + left], axis=1
-        )
-        x0, y0, x1, y1 = clipped.T
-        whole = np.stack([y1 * pitch + x1, y0 * pitch + x0, y0 * pitch + x1, y1 * pitch + x0], axis=1)
+        clipped = np.clip(hulls, 0.0, limit)
         return cls(
             shape=(rows, columns),
             feet=feet[good],
             heads=axis[good, -1],
-            corners=corners,
+            corners=_flat(boxes[good].astype(np.int64), columns),
             area=area[good],
             slices=slices[good].astype(np.int64),
             hulls=hulls[good],
-            whole=whole,
+            whole=_flat(clipped[good, None].astype(np.int64), columns),
+            beneath=_flat(under[good, None].astype(np.int64), columns),
             density=density,
         )
 
@@ -138,21 +140,21 @@ class PersonTemplates:
         """
         threshold = self.density + least_gain
         integral = _integral(mask)
-        plus = integral.take(self.whole[:, :2]).sum(axis=1)
-        some = plus - integral.take(self.whole[:, 2:]).sum(axis=1)
+        some = _sums(integral, self.whole)
         # No slice holds more than the hull does: an exact bound that spares most foot points their look-ups.
         candidates = np.flatnonzero(some * SLICES >= threshold * self.area)
         taken: list[int] = []
         fills: list[float] = []
         refined: list[Floats] = []
         while candidates.size:
-            filled = self._filled(integral, candidates)
+            filled = _sums(integral, self.corners[candidates])
             area = self.area[candidates]
             alive = filled >= threshold * area
             candidates, filled, area = candidates[alive], filled[alive], area[alive]
             if not candidates.size:
                 break
-            score = (filled - self.density * area) / np.sqrt(area)
+            beneath = _sums(integral, self.beneath[candidates])
+            score = (filled - self.density * area - beneath) / np.sqrt(area)
             best = self._apart(candidates, score)
             people = candidates[best].tolist()
             taken += people
@@ -168,12 +170,6 @@ class PersonTemplates:
         hulls = self.hulls[taken]
         boxes = np.column_stack([hulls[:, :2] + shift, hulls[:, 2:] - hulls[:, :2]])
         return Detections(feet, boxes, np.clip(np.array(fills), 0.0, 1.0))
-
-    def _filled(self, integral: NDArray[np.int32], candidates: Ints) -> Floats:
-        sums = integral.take(self.corners[candidates]).astype(np.int64)
-        added = sums[:, : 2 * SLICES].sum(axis=1)
-        filled: Floats = (added - sums[:, 2 * SLICES :].sum(axis=1)).astype(np.float64)
-        return filled
 
     def _apart(self, candidates: Ints, score: Floats) -> list[int]:
         """Return positions of the best candidates whose patches do not touch each other's: they cannot compete."""
@@ -195,17 +191,35 @@ class PersonTemplates:
                     break
         return best
 
-    def _window(self, person: int, wider: float, taller: float) -> tuple[int, int, int, int]:
-        left, top, right, bottom = self.hulls[person]
-        dx, dy = wider * (right - left), taller * (bottom - top)
-        rows, columns = self.shape
-        x0, x1 = np.clip([np.floor(left - dx), np.ceil(right + dx)], 0, columns).astype(int)
-        y0, y1 = np.clip([np.floor(top - dy), np.ceil(bottom + dy)], 0, rows).astype(int)
-        return int(x0), int(y0), int(x1), int(y1)
-
     def _foot(self, mask: NDArray[np.uint8], person: int) -> Floats:
+        """Return the foot pixel (2,): the lowest filled row of the body where the body shows whole, else a compromise.
+
+        People are not all of one height: the patch of a tall one settles on the body, above the feet. Where the filled
+        rows around the patch's middle end at a plausible height, their lower end is the foot; where only the head's end
+        is seen, the expected height below it counts half. Bodies that lie across the picture keep the patch's foot.
+        """
         foot: Floats = self.feet[person]
-        return foot
+        body = foot - self.heads[person]
+        if body[1] < abs(body[0]):
+            return foot
+        left, top, right, bottom = self.hulls[person].astype(int).tolist()
+        expected = bottom - top
+        slack = math.ceil(TALLER * expected)
+        first = max(top - slack, 0)
+        window = mask[first : max(bottom + slack, 0), max(left, 0) : max(right, 0)]
+        rows: NDArray[np.bool_] = np.max(window, axis=1, initial=0) > 0
+        middle = min(max((top + bottom) // 2 - first, 0), len(rows) - 1)
+        empty_above, empty_below = np.flatnonzero(~rows[:middle]), np.flatnonzero(~rows[middle:])
+        head = int(empty_above[-1]) + 1 if empty_above.size else None
+        feet = middle + int(empty_below[0]) if empty_below.size else None
+        if head is not None and feet is not None and abs(feet - head - expected) <= slack:
+            shift = float(first + feet - bottom)
+        elif head is not None:
+            shift = 0.5 * (first + head - top)
+        else:
+            return foot
+        shifted: Floats = foot + shift / body[1] * body
+        return shifted
 
     def _clear(self, mask: NDArray[np.uint8], person: int) -> None:
         for x0, y0, x1, y1 in self.slices[person].tolist():
@@ -215,6 +229,23 @@ class PersonTemplates:
 
 def _integral(mask: NDArray[np.uint8]) -> NDArray[np.int32]:
     return cast(NDArray[np.int32], cv2.integral(mask)).ravel()
+
+
+def _sums(integral: NDArray[np.int32], corners: Ints) -> Floats:
+    """Return the sums (n,) over boxes given as flat indices (n, 4 k): those of added corners, then of taken ones."""
+    values = integral.take(corners)
+    half = corners.shape[1] // 2
+    signed = np.subtract(values[:, :half], values[:, half:], dtype=np.float64)
+    sums: Floats = signed.sum(axis=1)
+    return sums
+
+
+def _flat(boxes: Ints, columns: int) -> Ints:
+    """Return the flat indices (n, 4 k) into an integral image of the corners of k boxes (n, k, 4) each; see _sums."""
+    left, top, right, bottom = (boxes[..., side] for side in range(4))
+    pitch = columns + 1
+    places = [bottom * pitch + right, top * pitch + left, top * pitch + right, bottom * pitch + left]
+    return np.concatenate(places, axis=1)
 
 
 def _at_height(geometry: CameraGeometry, ground: Floats, height: float) -> Floats:
