@@ -74,7 +74,7 @@ def _refuse_text(body: bytes, reason: str) -> NoReturn:
         field = None
     if field is None:
         refuse("body", "is not JSON", found=reason, allowed="JSON, UTF-8", status=400)
-    refuse(field, "is not a finite number", found="NaN or infinity", allowed="finite numbers", status=422)
+    refuse(field or "body", "is not a finite number", found="NaN or infinity", allowed="finite numbers", status=422)
 
 
 def _not_finite(value: Any, path: str) -> str | None:

@@ -110,7 +110,9 @@ class HeadingFilter:
 def _compass(up: Array, field: Array, upright: float) -> Array:
     """Return the tilt-compensated compass heading of the forward direction (n,), radians clockwise from north."""
     north = field - np.einsum("ij,ij->i", field, up)[:, None] * up
-    east = np.cross(north, up)
-    forward = np.where((up[:, 1] > upright)[:, None], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0])
-    heading: Array = np.arctan2(np.einsum("ij,ij->i", forward, east), np.einsum("ij,ij->i", forward, north))
-    return heading
+    (nx, ny, nz), (ux, uy, uz) = north.T, up.T
+    # Of north and of east = north x up, only what lies along the phone's top (y) or back (-z).
+    held_upright = uy > upright
+    along_north = np.where(held_upright, -nz, ny)
+    along_east = np.where(held_upright, ny * ux - nx * uy, nz * ux - nx * uz)
+    return np.arctan2(along_east, along_north)

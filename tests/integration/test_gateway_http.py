@@ -1,0 +1,421 @@
+"""Phones against the real gateway: its own process, real HTTP, a real router."""
+
+import json
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from conftest import ROOT, unused_port
+from waiting import wait_until
+
+from shared.bus import Bus, router
+from shared.keys import Keys
+from shared.messages import Message, MotionBatch, RadioScan, TrackFrame
+
+KEY = "a-key-for-tests"
+STAFF = "a-key-for-staff"
+
+
+@dataclass
+class Running:
+    process: subprocess.Popen[bytes]
+    http: httpx.Client
+    health: str
+    endpoint: str
+    database: Path
+
+
+def launch(endpoint: str, folder: Path, **settings: str) -> Running:
+    port, health = unused_port(), unused_port()
+    environment = os.environ | {
+        "ATRIUM_SITE_FILE": str(ROOT / "deploy/sites/hall/site.yaml"),
+        "ATRIUM_PROFILE": "demo",
+        "ATRIUM_BUS": json.dumps([endpoint]),
+        "ATRIUM_GATEWAY_PORT": str(port),
+        "ATRIUM_HEALTH_PORT": str(health),
+        "ATRIUM_ENROLMENT_KEY": KEY,
+        "ATRIUM_STAFF_KEY": STAFF,
+        "ATRIUM_DATABASE_URL": f"sqlite:///{folder / 'gateway.db'}",
+        "ATRIUM_LOG_LEVEL": "warning",
+        **settings,
+    }
+    process = subprocess.Popen([sys.executable, "-m", "services.gateway"], env=environment, cwd=ROOT)
+    client = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=10.0)
+    return Running(process, client, f"http://127.0.0.1:{health}", endpoint, folder / "gateway.db")
+
+
+def is_ready(gateway: Running) -> bool:
+    assert gateway.process.poll() is None, "the gateway ended by itself"
+    try:
+        return httpx.get(f"{gateway.health}/readyz").status_code == 200
+    except httpx.HTTPError:
+        return False
+
+
+def finish(gateway: Running) -> int:
+    gateway.http.close()
+    gateway.process.send_signal(signal.SIGTERM)
+    try:
+        return gateway.process.wait(6.0)
+    finally:
+        gateway.process.kill()
+
+
+@pytest.fixture(scope="module")
+def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    endpoint = f"tcp/127.0.0.1:{unused_port()}"
+    session = router(endpoint)
+    running = launch(endpoint, tmp_path_factory.mktemp("gateway"))
+    wait_until(lambda: is_ready(running), 30, "the gateway to be ready")
+    yield running
+    assert finish(running) == 0
+    session.close()
+
+
+class Phone:
+    """An app in thirty lines."""
+
+    def __init__(self, gateway: Running, clock: float = 0.0) -> None:
+        self.http = gateway.http
+        body = {"enrolment_key": KEY, "consent": True, "platform": "test", "carrying": "hand"}
+        answer = self.http.post("/v1/devices", json=body)
+        assert answer.status_code == 201, answer.text
+        self.enrolled = answer.json()
+        self.device: str = self.enrolled["device"]
+        self.headers = {"Authorization": f"Bearer {self.enrolled['token']}"}
+        self.clock = clock
+        self.start = time.time() - 60.0
+
+    def batch(self, seq: int) -> dict[str, Any]:
+        """One second of a walk east, and one scan."""
+        begin = self.start + seq + self.clock
+        t = [begin + i / 50 for i in range(50)]
+        columns = {name: [0.0] * 50 for name in ("ax", "ay", "gx", "gy", "gz", "my")}
+        columns["az"] = [9.81 + 3.0 * math.sin(2 * math.pi * 1.9 * (stamp - self.clock - self.start)) for stamp in t]
+        columns |= {"mx": [-20.0] * 50, "mz": [-43.0] * 50}  # the top of the phone points east, north is to its left
+        heard = {"02:A7:00:00:00:01": -50.0, "02:a7:00:00:00:02": -61.0, "de:ad:be:ef:00:00": -40.0}
+        radio = [{"t": begin + 0.5, "address": list(heard), "rssi": list(heard.values())}]
+        return {"sent": time.time() + self.clock, "seq": seq, "imu": {"t": t, **columns}, "radio": radio}
+
+    def post(self, body: Any, **headers: str) -> httpx.Response:
+        content = body if isinstance(body, bytes) else json.dumps(body).encode()
+        return self.http.post(self.enrolled["batches"], content=content, headers=self.headers | headers)
+
+
+class Listener:
+    """What the bus brought."""
+
+    def __init__(self, endpoint: str) -> None:
+        self.bus = Bus([endpoint])
+        self.keys = Keys("hall")
+        self.inbox = self.bus.inbox()
+        self.inbox.subscribe(self.keys.radio(), RadioScan)
+        self.inbox.subscribe(self.keys.motion(), MotionBatch)
+        self.messages: list[Message] = []
+
+    def heard(self, device: str) -> tuple[list[RadioScan], list[MotionBatch]]:
+        self.messages += [delivery.message for delivery in self.inbox.receive(0.05)]
+        scans = [m for m in self.messages if isinstance(m, RadioScan) and m.device == device]
+        motions = [m for m in self.messages if isinstance(m, MotionBatch) and m.device == device]
+        return scans, motions
+
+
+@pytest.fixture(scope="module")
+def listener(gateway: Running) -> Iterator[Listener]:
+    listening = Listener(gateway.endpoint)
+    yield listening
+    listening.bus.close()
+
+
+def problem(answer: httpx.Response) -> dict[str, str]:
+    detail = answer.json()["detail"]
+    assert isinstance(detail, list)
+    first: dict[str, str] = detail[0]
+    return first
+
+
+@pytest.mark.parametrize("clock", [0.0, 86_400.0])
+def test_what_a_phone_posts_arrives_on_the_bus_in_server_time(
+    gateway: Running, listener: Listener, clock: float
+) -> None:
+    phone = Phone(gateway, clock)
+    wait_until(lambda: phone.http.get("/docs").status_code == 200, 5, "the page")
+    for seq in range(12):
+        answer = phone.post(phone.batch(seq))
+        assert answer.status_code == 200, answer.text
+        reply = answer.json()
+        assert reply["accepted"]["samples"] == 50
+        assert reply["accepted"]["readings"] == 2
+        assert reply["ignored"] == {"unknown address": 1}
+        assert reply["received"] <= reply["replied"]
+        assert reply["clock_offset"] == pytest.approx(-clock, abs=0.5)
+    wait_until(lambda: len(listener.heard(phone.device)[0]) == 12, 10, "12 scans")
+    scans, motions = listener.heard(phone.device)
+    assert scans[0].access_point == ["ap-1", "ap-2"]
+    assert scans[0].t == pytest.approx(phone.start + 0.5, abs=0.5)
+    assert all("de:ad" not in repr(message) for message in listener.messages)
+    steps = [step for motion in motions for step in motion.step_t]
+    assert 16 <= len(steps) <= 24
+    assert all(phone.start - 0.5 < step < phone.start + 12.5 for step in steps)
+    headings = [heading for motion in motions for heading in motion.heading]
+    assert all(abs(heading) < 0.1 for heading in headings)  # east is the plan's +x
+
+
+def test_a_batch_sent_again_is_acknowledged_and_published_once(gateway: Running, listener: Listener) -> None:
+    phone = Phone(gateway)
+    batch = phone.batch(0)
+    assert phone.post(batch).json()["duplicate"] is False
+    assert phone.post(batch).json()["duplicate"] is True
+    phone.post(phone.batch(1))
+    wait_until(lambda: len(listener.heard(phone.device)[0]) >= 2, 10, "both scans")
+    assert [scan.seq for scan in listener.heard(phone.device)[0]] == [0, 1]
+
+
+def test_bad_bodies_are_refused_by_name_and_publish_nothing(gateway: Running, listener: Listener) -> None:
+    phone = Phone(gateway)
+    good = phone.batch(0)
+    text = json.dumps(good)
+    nan = good | {"imu": good["imu"] | {"ax": [math.nan] * 50}}
+    ahead = good | {"imu": good["imu"] | {"t": [stamp + 86_400 for stamp in good["imu"]["t"]]}}
+    cases: list[tuple[Any, int, str]] = [
+        ({"sent": 1.0, "seq": 0}, 422, "body"),
+        (nan, 422, "imu.ax[0]"),
+        (ahead, 422, "imu.t[0]"),
+        (good | {"imu": good["imu"] | {"ax": [1.0]}}, 422, "imu.ax"),
+        (b"not json", 400, "body"),
+        (b"\xff\xfe", 400, "body"),
+        (b"", 400, "body"),
+        (b"x" * 10_000_000, 413, "body"),
+        (text.replace('"seq"', '"sequence"').encode(), 422, "seq"),
+    ]
+    for body, status, field in cases:
+        answer = phone.post(body)
+        assert (answer.status_code, problem(answer)["field"]) == (status, field), answer.text
+    assert phone.post(b"x", **{"Content-Encoding": "gzip"}).status_code == 415
+    assert phone.post(good).json()["duplicate"] is False
+    wait_until(lambda: listener.heard(phone.device)[0], 10, "the one good batch")
+    assert len(listener.heard(phone.device)[0]) == 1
+
+
+def test_a_huge_body_without_a_length_is_refused_while_it_comes(gateway: Running) -> None:
+    phone = Phone(gateway)
+    chunks = (b" " * 65_536 for _ in range(160))
+    answer = phone.http.post(phone.enrolled["batches"], content=chunks, headers=phone.headers)
+    assert (answer.status_code, problem(answer)["field"]) == (413, "body")
+
+
+def test_a_body_that_claims_a_terabyte_is_refused_unread(gateway: Running) -> None:
+    phone = Phone(gateway)
+    with socket.create_connection(("127.0.0.1", gateway.http.base_url.port or 0), timeout=5) as line:
+        head = f"POST {phone.enrolled['batches']} HTTP/1.1\r\nHost: x\r\nContent-Length: 1099511627776\r\n"
+        line.sendall(f"{head}Authorization: {phone.headers['Authorization']}\r\n\r\n{'x' * 1000}".encode())
+        assert b" 413 " in line.recv(4096).split(b"\r\n")[0]
+
+
+def test_tokens_open_their_own_device_only_and_are_looked_at_first(gateway: Running) -> None:
+    mine, other = Phone(gateway), Phone(gateway)
+    for method, path in (("POST", "/batches"), ("GET", "/position"), ("DELETE", "")):
+
+        def ask(
+            device: str, headers: dict[str, str], method: str = method, path: str = path
+        ) -> tuple[int, dict[str, str]]:
+            answer = mine.http.request(method, f"/v1/devices/{device}{path}", headers=headers)
+            return answer.status_code, problem(answer)
+
+        assert ask(mine.device, {})[0] == 401
+        assert ask(mine.device, {"Authorization": "Bearer wrong"})[0] == 401
+        assert ask(mine.device, {"Authorization": "Basic wrong"})[0] == 401
+        assert ask("d-nobody", {"Authorization": "Bearer wrong"}) == ask(mine.device, {"Authorization": "Bearer wrong"})
+        assert ask(other.device, mine.headers)[0] == 403
+        assert ask("d-nobody", mine.headers)[0] == 404
+
+
+def test_enrolment_needs_the_key_and_consent(gateway: Running) -> None:
+    good = {"enrolment_key": KEY, "consent": True}
+    cases: list[tuple[Any, int, str]] = [
+        (good | {"consent": False}, 422, "consent"),
+        ({"enrolment_key": KEY}, 422, "consent"),
+        (good | {"consent": "yes"}, 422, "consent"),
+        (good | {"carrying": "in my hat"}, 422, "carrying"),
+        (good | {"name": "x" * 100}, 422, "name"),
+        (good | {"enrolment_key": "wrong"}, 403, "enrolment_key"),
+        (good | {"name": "x" * 100_000}, 413, "body"),
+    ]
+    for body, status, field in cases:
+        answer = gateway.http.post("/v1/devices", json=body)
+        assert (answer.status_code, problem(answer)["field"]) == (status, field), answer.text
+
+
+def test_the_qr_code_is_for_staff(gateway: Running) -> None:
+    for headers in ({}, {"Authorization": "Bearer wrong-one"}, {"Authorization": "Basic !!"}):
+        assert gateway.http.get("/v1/enrolment.svg", headers=headers).status_code == 401
+    answer = gateway.http.get("/v1/enrolment.svg", headers={"Authorization": f"Bearer {STAFF}"})
+    assert answer.headers["content-type"] == "image/svg+xml"
+    assert gateway.http.get("/v1/enrolment.svg", auth=("staff", KEY)).status_code == 200
+    scanned = json.dumps({"atrium": 1, "url": str(gateway.http.base_url), "enrolment_key": KEY})
+    answer = gateway.http.post("/v1/devices", json={"enrolment_key": scanned, "consent": True})
+    assert answer.status_code == 201
+
+
+def test_a_phone_reads_its_own_position_once_a_track_carries_it(gateway: Running, listener: Listener) -> None:
+    phone = Phone(gateway)
+    answer = phone.http.get(phone.enrolled["position"], headers=phone.headers)
+    assert answer.status_code == 404
+    assert problem(answer)["problem"] == "not located yet: no camera track carries this device"
+    now = time.time()
+    columns: dict[str, Any] = {"state": ["confirmed"], "runner_up": [None], "runner_up_probability": [0.0]}
+    frame = TrackFrame(
+        t=now,
+        area="hall",
+        chunk=1,
+        tracker="test",
+        track=[1],
+        floor=["ground"],
+        x=[7.0],
+        y=[3.0],
+        covariance=[(0.1, 0.0, 0.1)],
+        vx=[0.0],
+        vy=[0.0],
+        device=[phone.device],
+        probability=[0.9],
+        former=[[]],
+        sources=[[]],
+        quality=[1.0],
+        **columns,
+    )
+    publisher = listener.bus.publisher(listener.keys.tracks("hall"), TrackFrame)
+
+    def found() -> dict[str, Any] | None:
+        publisher.publish(frame)
+        answer = phone.http.get(phone.enrolled["position"], headers=phone.headers)
+        return answer.json() if answer.status_code == 200 else None
+
+    position = wait_until(found, 10, "the position")
+    assert position is not None
+    assert (position["x"], position["y"], position["floor"], position["area"]) == (7.0, 3.0, "ground", "hall")
+    assert 0.0 <= position["age"] < 10.0
+    assert position["t"] == pytest.approx(now)
+
+
+def test_withdrawn_consent_ends_everything_at_once(gateway: Running) -> None:
+    phone = Phone(gateway)
+    assert phone.post(phone.batch(0)).status_code == 200
+    assert phone.http.delete(f"/v1/devices/{phone.device}", headers=phone.headers).status_code == 204
+    assert phone.post(phone.batch(1)).status_code == 401
+    assert phone.http.get(phone.enrolled["position"], headers=phone.headers).status_code == 401
+    assert phone.http.delete(f"/v1/devices/{phone.device}", headers=phone.headers).status_code == 401
+
+
+def test_the_page_shows_the_batch_with_worked_examples_that_work(gateway: Running) -> None:
+    document = gateway.http.get("/openapi.json").json()
+    body = document["paths"]["/v1/devices/{device}/batches"]["post"]["requestBody"]["content"]["application/json"]
+    name = body["schema"]["$ref"].rpartition("/")[2]
+    assert {"sent", "seq"} == set(document["components"]["schemas"][name]["required"])
+    assert "InertialColumns" in document["components"]["schemas"]
+    phone = Phone(gateway)
+    for example in body["examples"].values():
+        assert phone.post(example["value"]).status_code == 200
+    assert set(document["paths"]) == {
+        "/v1/devices",
+        "/v1/enrolment.svg",
+        "/v1/devices/{device}",
+        "/v1/devices/{device}/batches",
+        "/v1/devices/{device}/position",
+    }
+
+
+def test_unknown_paths_and_methods_answer_in_the_same_form(gateway: Running) -> None:
+    assert problem(gateway.http.get("/v2/devices"))["found"] == "GET /v2/devices"
+    assert gateway.http.put("/v1/devices").status_code == 405
+
+
+def test_metrics_count_what_was_refused_and_ignored(gateway: Running) -> None:
+    phone = Phone(gateway)
+    phone.post(phone.batch(0))
+    phone.post({"sent": 1.0, "seq": 0})
+    text = httpx.get(f"{gateway.health}/metrics").text
+    for series in (
+        'atrium_gateway_batches_total{result="accepted"}',
+        'atrium_gateway_ignored_total{reason="unknown address"}',
+        'atrium_gateway_refused_total{status="422"}',
+    ):
+        assert series in text
+
+
+@pytest.fixture
+def alone(tmp_path: Path) -> Iterator[Callable[..., Running]]:
+    """Start gateways that belong to one test."""
+    started: list[Running] = []
+
+    def start(endpoint: str, **settings: str) -> Running:
+        started.append(launch(endpoint, tmp_path, **settings))
+        return started[-1]
+
+    yield start
+    for running in started:
+        finish(running)
+
+
+def test_while_the_router_is_away_batches_are_refused_and_nothing_acknowledged_is_lost(
+    alone: Callable[..., Running], free_port: int
+) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    session = router(endpoint)
+    running = alone(endpoint)
+    wait_until(lambda: is_ready(running), 30, "the gateway to be ready")
+    phone = Phone(running)
+    assert phone.post(phone.batch(0)).status_code == 200
+    session.close()
+    wait_until(lambda: not is_ready(running), 15, "the gateway to miss its router")
+    batch = phone.batch(1)
+    answer = phone.post(batch)
+    assert answer.status_code == 503
+    assert int(answer.headers["retry-after"]) >= 1
+    assert Phone(running).device  # enrolment needs no bus
+    session = router(endpoint)
+    listener = Listener(endpoint)
+    wait_until(lambda: is_ready(running), 15, "the gateway to find its router again")
+    answer = wait_until(lambda: (a := phone.post(batch)).status_code == 200 and a, 10, "the batch to be taken")
+    assert answer
+    wait_until(lambda: listener.heard(phone.device)[0], 10, "the scan that had been refused")
+    assert [scan.seq for scan in listener.heard(phone.device)[0]] == [1]
+    listener.bus.close()
+    session.close()
+
+
+def test_a_restart_keeps_the_enrolled(alone: Callable[..., Running], zenoh_router: str) -> None:
+    first = alone(zenoh_router)
+    wait_until(lambda: is_ready(first), 30, "the gateway to be ready")
+    phone = Phone(first)
+    assert finish(first) == 0
+    second = alone(zenoh_router)
+    wait_until(lambda: is_ready(second), 30, "the gateway to be ready again")
+    phone.http = second.http
+    assert phone.post(phone.batch(0)).status_code == 200
+
+
+def test_guessing_the_key_is_stopped(alone: Callable[..., Running], zenoh_router: str) -> None:
+    running = alone(zenoh_router, ATRIUM_ENROLMENT_BURST="30", ATRIUM_ENROLMENTS_PER_MINUTE="1")
+    wait_until(lambda: is_ready(running), 30, "the gateway to be ready")
+    guess = {"enrolment_key": "wrong-key", "consent": True}
+    answers = [running.http.post("/v1/devices", json=guess) for _ in range(5)]
+    assert [answer.status_code for answer in answers] == [403, 403, 403, 429, 429]
+    assert int(answers[-1].headers["retry-after"]) > 1
+    assert running.http.get("/v1/enrolment.svg", auth=("x", KEY)).status_code == 401
+
+
+def test_outside_the_demo_a_missing_schema_or_a_default_key_stops_the_start(tmp_path: Path, zenoh_router: str) -> None:
+    missing = launch(zenoh_router, tmp_path, ATRIUM_PROFILE="production")
+    assert missing.process.wait(20) == 1
+    default = launch(zenoh_router, tmp_path, ATRIUM_PROFILE="production", ATRIUM_ENROLMENT_KEY="demo-enrolment-key")
+    assert default.process.wait(20) == 2

@@ -1,0 +1,66 @@
+"""The position of a sample in time hangs on the phone's clock, which may be wrong by a day."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from services.gateway.clock import ClockAligner
+
+
+def run(offset: float, drift: float, seed: int, seconds: int, echo: bool) -> np.ndarray:
+    """Errors of the estimate, one per second, with 20-500 ms each way."""
+    rng = np.random.default_rng(seed)
+    aligner, errors, last = ClockAligner(), [], None
+
+    def phone(server: float) -> float:
+        return (server - offset) * (1.0 + drift) - drift * 1e9
+
+    for second in range(seconds):
+        sent = 1e9 + second
+        up, down = rng.uniform(0.02, 0.5, 2)
+        received = sent + up
+        estimate = aligner.observe(phone(sent), received, last)
+        errors.append(phone(received) + estimate - received)
+        last = (received, phone(received + down)) if echo else None
+    return np.abs(errors)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    offset=st.sampled_from([-86_400.0, -30.0, 0.0, 30.0, 86_400.0]),
+    drift=st.floats(-1e-4, 1e-4),
+    seed=st.integers(0, 2**32 - 1),
+    echo=st.booleans(),
+)
+def test_stamps_are_aligned_within_a_tenth_of_a_second_after_half_a_minute(
+    offset: float, drift: float, seed: int, echo: bool
+) -> None:
+    errors = run(offset, drift, seed, 200, echo)[30:]
+    assert np.mean(errors < 0.1) >= 0.95
+
+
+def test_without_any_batch_nothing_is_added() -> None:
+    assert ClockAligner().offset == 0.0
+
+
+@pytest.mark.parametrize("step", [-3600.0, 3600.0, -86_400.0])
+def test_a_clock_that_is_set_anew_is_followed_within_three_batches(step: float) -> None:
+    aligner = ClockAligner()
+    for second in range(60):
+        aligner.observe(1e9 + second, 1e9 + second + 0.05)
+    for second in range(60, 63):
+        offset = aligner.observe(1e9 + second + step, 1e9 + second + 0.05)
+    assert offset == pytest.approx(-step + 0.05, abs=1e-3)
+
+
+def test_one_delayed_request_does_not_move_the_offset() -> None:
+    aligner = ClockAligner()
+    aligner.observe(100.0, 100.05)
+    assert aligner.observe(101.0, 131.0) == pytest.approx(0.05)
+
+
+def test_an_echo_from_the_future_is_not_believed() -> None:
+    aligner = ClockAligner()
+    aligner.observe(100.0, 100.05)
+    assert aligner.observe(101.0, 101.05, (500.0, 100.5)) == pytest.approx(0.05)

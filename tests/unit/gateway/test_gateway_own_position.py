@@ -1,0 +1,52 @@
+"""A phone sees its own position and no other."""
+
+import pytest
+
+from services.gateway.own_position import OwnPositions
+from shared.messages import TrackFrame
+
+
+def frame(t: float, devices: list[str | None]) -> TrackFrame:
+    count = len(devices)
+    return TrackFrame(
+        t=t,
+        area="hall",
+        chunk=1,
+        tracker="test",
+        track=list(range(count)),
+        floor=["ground"] * count,
+        x=[float(i) for i in range(count)],
+        y=[2.0] * count,
+        covariance=[(0.1, 0.0, 0.2)] * count,
+        vx=[0.0] * count,
+        vy=[0.0] * count,
+        state=["confirmed"] * count,
+        device=devices,
+        probability=[0.9] * count,
+        runner_up=[None] * count,
+        runner_up_probability=[0.0] * count,
+        former=[[]] * count,
+        sources=[[]] * count,
+        quality=[1.0] * count,
+    )
+
+
+def test_the_newest_track_that_carries_the_device_counts() -> None:
+    positions = OwnPositions(kept=60.0)
+    positions.take(frame(100.0, [None, "d-1", "d-2"]), 0.0)
+    positions.take(frame(101.0, ["d-2", None, None]), 1.0)
+    first, second = positions.of("d-1", 103.0), positions.of("d-2", 103.0)
+    assert first is not None
+    assert (first.x, first.t, first.age) == (1.0, 100.0, pytest.approx(3.0))
+    assert second is not None
+    assert (second.x, second.floor, second.covariance, second.probability) == (0.0, "ground", (0.1, 0.0, 0.2), 0.9)
+
+
+def test_nobody_is_found_who_was_not_seen_was_long_ago_or_has_left() -> None:
+    positions = OwnPositions(kept=60.0)
+    assert positions.of("d-1", 0.0) is None
+    positions.take(frame(100.0, ["d-1", "d-2"]), 0.0)
+    positions.forget("d-2")
+    assert positions.of("d-2", 100.0) is None
+    positions.forget_old(61.0)
+    assert positions.of("d-1", 100.0) is None

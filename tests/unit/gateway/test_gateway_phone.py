@@ -1,0 +1,90 @@
+"""One phone's state: nothing twice, nothing unknown, everything on the server's clock."""
+
+import math
+from typing import Any
+
+import pytest
+
+from services.gateway.batch_check import Limits
+from services.gateway.phone import SEQ_WINDOW, Phone
+from services.gateway.protocol import Batch, RadioReadings
+from shared.messages import InertialColumns, MotionBatch, RadioScan
+
+ADDRESSES = {"02:a7:00:00:00:01": "ap-1", "02:a7:00:00:00:02": "ap-2", "02:a7:00:00:00:12": "ap-2"}
+
+
+def phone() -> Phone:
+    return Phone("d-1", ADDRESSES, math.pi / 2, True)
+
+
+def scan(t: float, **heard: float) -> RadioReadings:
+    return RadioReadings(t=t, address=[f"02:A7:00:00:00:{key[1:]}" for key in heard], rssi=list(heard.values()))
+
+
+def walking(second: int, clock: float) -> InertialColumns:
+    t = [clock + second + i / 50 for i in range(50)]
+    columns: dict[str, Any] = {name: [0.0] * 50 for name in ("ax", "ay", "gx", "gy", "gz", "mx")}
+    az = [9.81 + 3.0 * math.sin(2 * math.pi * 1.9 * (stamp - clock)) for stamp in t]
+    return InertialColumns(t=t, az=az, my=[20.0] * 50, mz=[-43.0] * 50, **columns)
+
+
+def test_addresses_become_site_ids_whatever_their_case_and_unknown_ones_go_nowhere() -> None:
+    to = phone()
+    batch = Batch(sent=100.0, seq=0, radio=[scan(99.0, _01=-50.0, _02=-60.0, _99=-40.0)])
+    intake = to.take(batch, 100.0, Limits())
+    (message,) = to.outbox
+    assert isinstance(message, RadioScan)
+    assert (message.access_point, message.rssi) == (["ap-1", "ap-2"], [-50.0, -60.0])
+    assert intake.ignored == {"unknown address": 1}
+    assert intake.accepted.readings == 2
+
+
+def test_an_access_point_with_two_addresses_is_told_once_at_its_strongest() -> None:
+    to = phone()
+    intake = to.take(Batch(sent=100.0, seq=0, radio=[scan(99.0, _02=-60.0, _12=-55.0)]), 100.0, Limits())
+    (message,) = to.outbox
+    assert isinstance(message, RadioScan)
+    assert (message.access_point, message.rssi) == (["ap-2"], [-55.0])
+    assert intake.ignored == {"access point heard twice in a scan": 1}
+
+
+def test_a_scan_of_strangers_only_is_counted_and_not_published() -> None:
+    to = phone()
+    intake = to.take(Batch(sent=100.0, seq=0, radio=[scan(99.0, _77=-60.0)]), 100.0, Limits())
+    assert not to.outbox
+    assert intake.ignored == {"unknown address": 1}
+
+
+@pytest.mark.parametrize("off", [-86_400.0, 0.0, 86_400.0])
+def test_a_clock_that_is_off_by_a_day_places_everything_in_server_time(off: float) -> None:
+    server, to = 1.7e9, phone()
+    for second in range(12):
+        clock = server + off
+        batch = Batch(
+            sent=clock + second + 1, seq=second, imu=walking(second, clock), radio=[scan(clock + second, _01=-50.0)]
+        )
+        to.take(batch, server + second + 1.03, Limits())
+    scans = [m for m in to.outbox if isinstance(m, RadioScan)]
+    motions = [m for m in to.outbox if isinstance(m, MotionBatch)]
+    assert [m.t for m in scans] == pytest.approx([server + second for second in range(12)], abs=0.05)
+    assert all(server - 0.1 <= m.t_start < m.t <= server + 12.1 for m in motions)
+    steps = [t for m in motions for t in m.step_t]
+    assert 17 <= len(steps) <= 24
+    assert all(server < t < server + 12 for t in steps)
+    assert [m.seq for m in motions] == list(range(len(motions)))
+    assert [m.seq for m in scans] == list(range(12))
+
+
+def test_the_same_batch_again_is_acknowledged_and_not_published_twice() -> None:
+    to = phone()
+    batch = Batch(sent=100.0, seq=7, radio=[scan(99.0, _01=-50.0)])
+    assert not to.take(batch, 100.0, Limits()).duplicate
+    assert to.take(batch, 130.0, Limits()).duplicate
+    assert len(to.outbox) == 1
+
+
+def test_batches_that_overtake_each_other_are_all_taken_and_ancient_ones_count_as_seen() -> None:
+    to = phone()
+    for seq in (0, 2, 1, 3 * SEQ_WINDOW, 3 * SEQ_WINDOW - 1):
+        assert not to.take(Batch(sent=100.0, seq=seq, radio=[scan(99.0, _01=-50.0)]), 100.0, Limits()).duplicate
+    assert to.take(Batch(sent=100.0, seq=5, radio=[scan(99.0, _01=-50.0)]), 100.0, Limits()).duplicate
