@@ -9,7 +9,7 @@ nearby, and evidence fades as the path goes on; standing still neither adds evid
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import msgspec
@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from services.fusion.area_view import AreaView
 from services.fusion.association import assign, association_marginals
+from services.fusion.calibration import Calibration
+from services.fusion.motion_evidence import Walk, WalkFilters, walks_of
 from services.fusion.path_history import PathHistory
 from services.fusion.radio_evidence import PathFilters
 from services.fusion.snapshot import pack, unpack
@@ -48,6 +50,8 @@ class IdentitySettings:
     """Metres over which what a stranger hears stays alike."""
     trust: float = 0.8
     """Share of the evidence that is believed: the model is never quite right."""
+    trust_motion: float = 0.8
+    """The same of what phones tell of their walks."""
     prior: float = math.log(0.2)
     """Log-odds that a device is on a given new track."""
     cap: float = 12.0
@@ -64,6 +68,11 @@ class IdentitySettings:
     claim: float = 0.5
     """Probability from which a device gets a track, and down to which it keeps it."""
     keep: float = 0.3
+    certain: float = 0.9
+    """Probability from which a pair teaches the access points' constants, put to use every so many seconds."""
+    calibrate_every: float = 2.0
+    residual_constant: float = 1.0
+    """dB; what a learned constant may still be off for one phone."""
     cycle: float = 0.25
     """Seconds between decisions while scans come in."""
     forget: float = 60.0
@@ -101,30 +110,41 @@ class IdentityLayer:
         self.chains: list[list[int]] = []
         self.former: dict[int, list[int]] = {}
         self.history = PathHistory()
+        self.walk_filters = WalkFilters.new(0, 0)
+        self.calibration = Calibration.of(view.radio)
+        self._calibrated = -math.inf
         self._waiting: list[RadioScan] = []
+        self._walks: list[tuple[str, Walk]] = []
         self._decided = -math.inf
         self._dirty = False
         self.ignored = 0
 
-    def step(self, t: float, ids: Integers, places: Array, scans: tuple[RadioScan, ...]) -> set[str]:
-        """Take in where the tracks are and what phones heard; return the devices whose scans counted.
+    def step(
+        self,
+        t: float,
+        ids: Integers,
+        places: Array,
+        scans: tuple[RadioScan, ...] = (),
+        motions: tuple[MotionBatch, ...] = (),
+    ) -> set[str]:
+        """Take in where the tracks are and what phones heard and did; return the devices whose news counted.
 
         Args:
             t: time of the positions.
             ids: (n,), ids of the confirmed tracks.
             places: (n, 2), metres.
             scans: in the order they were consumed; those newer than ``t`` wait.
+            motions: likewise; batches of phones whose radio was never heard say nothing.
         """
         self._follow(t, ids, places)
         heard = self._listen(t, scans) if scans or self._waiting else set()
+        for batch in motions:
+            self._note_walk(batch)
+        if self._walks:
+            heard |= self._walk(t)
         if self._dirty and not 0.0 <= t - self._decided < self.settings.cycle:
             self._decide(t)
         return heard
-
-    def motion(self, batch: MotionBatch) -> None:
-        """Take in what a phone says of its walk; a known phone that moves is a phone that is here."""
-        if batch.device in self.devices and math.isfinite(batch.t):
-            pass
 
     # -- tracks come and go ------------------------------------------------------------------------------------------
 
@@ -164,6 +184,7 @@ class IdentityLayer:
         column = int(free[0])
         s = self.settings
         self.filters.reset(slice(None), slice(column, column + 1), self._constant_variance, s.noise)
+        self.walk_filters.reset_track(column)
         self.last_place[:, column] = np.nan
         self.history.forget(column)
         self.odds[:, column] = s.prior
@@ -181,6 +202,7 @@ class IdentityLayer:
                 best = int(np.argmax(passed[row]))
                 if passed[row, best] > s.prior:
                     self.filters.inherit(row, np.array([column]), parents[[best]])
+                    self.walk_filters.inherit(row, column, int(parents[best]))
                     self.last_place[row, column] = self.last_place[row, parents[best]]
                     self.odds[row, column] = np.logaddexp(s.prior, passed[row, best])
         self.tracks[column] = track
@@ -246,15 +268,71 @@ class IdentityLayer:
         first = ~np.isfinite(walked)
         walked = np.where(first, 0.0, walked)
         kept = np.where(first, 0.0, np.exp(-walked / s.noise.shadowing_range))
-        residual = level - self.view.radio.rssi(places)[:, heard]
+        residual = level - self.calibration.rssi(places)[:, heard]
         variance = np.full(residual.shape, s.noise.shadowing**2)
         unheard = np.setdiff1d(np.arange(len(self._constant_variance)), heard)
         likelihood = self.filters.scan(row, known, heard, residual, kept, variance, s.noise.white**2)
         self.filters.fade(row, known, unheard, kept, np.full((len(known), len(unheard)), s.noise.shadowing**2))
         self.last_place[row, known] = places
+        self._learn(row, known, places, heard, level, kept)
         odds = self.odds[row, known]
         odds = (odds - s.prior) * np.exp(-walked / s.fade_distance) + s.prior + s.trust * (likelihood - against)
         self.odds[row, known] = np.minimum(np.maximum(odds, -s.cap), s.cap)
+
+    # -- how phones move ---------------------------------------------------------------------------------------------
+
+    def _note_walk(self, batch: MotionBatch) -> None:
+        if not (math.isfinite(batch.t_start) and math.isfinite(batch.t)):
+            self.ignored += 1
+            return
+        walks = walks_of(batch.t_start, batch.t, batch.step_t, batch.length, batch.heading, batch.heading_variance)
+        self._walks.extend((batch.device, walk) for walk in walks)
+
+    def _walk(self, t: float) -> set[str]:
+        due = [entry for entry in self._walks if entry[1].t <= t]
+        self._walks = [entry for entry in self._walks if entry[1].t > t][-self.settings.waiting :]
+        due.sort(key=lambda entry: (entry[1].t, entry[0]))
+        counted = set()
+        for device, walk in due:
+            if device not in self.devices:
+                continue
+            row = self.devices.index(device)
+            if walk.t_start < self.walk_filters.last[row, 0] - 1e-3:
+                # A second that was told before, or a revision of the past: what it said cannot be unsaid.
+                continue
+            start, end = self.history.at(walk.t_start), self.history.at(walk.t)
+            moved = end - start
+            known = np.flatnonzero(np.isfinite(moved[:, 0]) & (self.tracks[: len(moved)] > 0))
+            evidence = self.walk_filters.walk(row, known, walk, moved[known])
+            odds = self.odds[row, known] + self.settings.trust_motion * evidence
+            self.odds[row, known] = np.minimum(np.maximum(odds, -self.settings.cap), self.settings.cap)
+            self._dirty = True
+            counted.add(device)
+        return counted
+
+    def _learn(self, row: int, known: Integers, places: Array, heard: Integers, level: Array, kept: Array) -> None:
+        """A phone whose track is beyond doubt tells what the access points really send."""
+        s = self.settings
+        held = int(self.given[row])
+        mine = np.flatnonzero(known == held)
+        if not len(mine) or self.probability[row, held] < s.certain:
+            return
+        index = int(mine[0])
+        weight = (1.0 - float(kept[index]) ** 2) / (s.noise.shadowing**2 + s.noise.white**2)
+        self.calibration.learn(places[index], heard, level - self.filters.offset[row, held], weight)
+
+    def _calibrate(self, t: float) -> None:
+        """Put to use what was learned of the access points, in all pairs' filters as well."""
+        s = self.settings
+        self._calibrated = t
+        places = np.where(np.isfinite(self.last_place), self.last_place, 0.0)
+        flat = places.reshape(-1, 2)
+        before = self.calibration.rssi(flat)
+        self.calibration.solve()
+        self.filters.constant -= (self.calibration.rssi(flat) - before).reshape(self.filters.constant.shape)
+        self._constant_variance = (
+            np.minimum(self.calibration.variance(), s.noise.access_point**2) + s.residual_constant**2
+        )
 
     def _row(self, device: str) -> int:
         if device in self.devices:
@@ -269,6 +347,7 @@ class IdentityLayer:
         self.last_place[row] = np.nan
         self.filters.reset(slice(row, row + 1), slice(None), self._constant_variance, s.noise)
         self.strangers.reset(slice(row, row + 1), slice(None), self._constant_variance, s.noise)
+        self.walk_filters.reset_device(row)
         self.given[row] = -1
         self.chains[row] = []
         return row
@@ -288,6 +367,8 @@ class IdentityLayer:
         if not len(rows) or not len(alive):
             self.given[:] = -1
             return
+        if not 0.0 <= t - self._calibrated < s.calibrate_every:
+            self._calibrate(t)
         self._mix(rows, alive, elapsed)
         pairs = np.ix_(rows, alive)
         marginals = association_marginals(self.odds[pairs])
@@ -358,6 +439,7 @@ class IdentityLayer:
             setattr(self, name, new)
         self.filters.resize(d, k, self._constant_variance, s.noise)
         self.strangers.resize(d, 1, self._constant_variance, s.noise)
+        self.walk_filters.resize(d, k)
 
     def state(self) -> dict[str, Any]:
         """Return all that is known, as JSON values."""
@@ -368,7 +450,11 @@ class IdentityLayer:
             "arrays": {name: pack(getattr(self, name)) for name in _ARRAYS},
             "filters": {name: pack(getattr(self.filters, name)) for name in _FILTERS},
             "strangers": {name: pack(getattr(self.strangers, name)) for name in _FILTERS},
+            "walk_filters": {name: pack(getattr(self.walk_filters, name)) for name in _WALK_FILTERS},
+            "calibration": self.calibration.state(),
+            "calibrated": self._calibrated if math.isfinite(self._calibrated) else None,
             "history": self.history.state(),
+            "walks": [[device, pack(np.array(astuple(walk)))] for device, walk in self._walks],
             "waiting": [msgspec.Raw(encode(scan)) for scan in self._waiting],
             "decided": self._decided if math.isfinite(self._decided) else None,
             "dirty": self._dirty,
@@ -392,13 +478,30 @@ class IdentityLayer:
         devices = [None if device is None else str(device) for device in state["devices"]]
         chains = [[int(track) for track in chain] for chain in state["chains"]]
         former = {int(track): [int(one) for one in chain] for track, chain in state["former"].items()}
+        calibration, calibrated = Calibration.of(self.view.radio), state["calibrated"]
+        calibration.restore(state["calibration"])
+        walk_filters = WalkFilters(**{name: unpack(state["walk_filters"][name]) for name in _WALK_FILTERS})
+        walks = [(str(device), Walk(*unpack(numbers).tolist())) for device, numbers in state["walks"]]
         decided, dirty, ignored = state["decided"], bool(state["dirty"]), int(state["ignored"])
         for name, array in arrays.items():
             setattr(self, name, array)
         self.filters, self.strangers, self.history, self._waiting = filters, strangers, history, waiting
+        self.calibration, self._calibrated = calibration, -math.inf if calibrated is None else float(calibrated)
+        self.walk_filters, self._walks = walk_filters, walks
         self.devices, self.chains, self.former = devices, chains, former
         self._decided, self._dirty, self.ignored = -math.inf if decided is None else float(decided), dirty, ignored
 
 
-_ARRAYS = ("device_seen", "tracks", "lost_at", "place", "odds", "probability", "last_place", "given")
+_ARRAYS = (
+    "_constant_variance",
+    "device_seen",
+    "tracks",
+    "lost_at",
+    "place",
+    "odds",
+    "probability",
+    "last_place",
+    "given",
+)
 _FILTERS = tuple(PathFilters.__dataclass_fields__)
+_WALK_FILTERS = tuple(WalkFilters.__dataclass_fields__)

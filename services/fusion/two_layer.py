@@ -111,13 +111,13 @@ class TwoLayerTracker(AnonymousTracker):
         self.positions.begin_chunk()
         for frame in chunk.frames:
             self.positions.observe(frame)
-        for batch in chunk.motions:
-            self.identity.motion(batch)
         tracks = self.positions.tracks
         sure = tracks.confirmed
         self._heard = set()
         if math.isfinite(self.positions.t):
-            self._heard = self.identity.step(self.positions.t, tracks.ids[sure], tracks.mean[sure, :2], chunk.scans)
+            self._heard = self.identity.step(
+                self.positions.t, tracks.ids[sure], tracks.mean[sure, :2], chunk.scans, chunk.motions
+            )
         return self._frame(chunk)
 
     def _name(self, columns: dict[str, Any]) -> None:

@@ -1,0 +1,104 @@
+"""What do access points really send? Their power and exponent, learned from phones whose track is known for sure.
+
+The site file's values are first guesses that may be wrong by several dB. Each access point has a Bayesian linear
+regression of the readings' residual on 1 and −10 log₁₀ distance [ravel-thesis §8.4, with a prior]; readings taken on
+the same spot share their shadowing and count once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.fusion.snapshot import pack, unpack
+from shared.radio import PathLoss
+
+__all__ = ["Calibration"]
+
+Array = NDArray[np.float64]
+
+POWER_SIGMA = 4.0
+"""dB, and of the exponent: how far the site file's guesses may be off."""
+EXPONENT_SIGMA = 0.25
+TYPICAL = 10.0
+"""10 log₁₀ of the distance at which the remaining uncertainty is told: ten metres."""
+
+
+@dataclass
+class Calibration:
+    """Corrections of m access points.
+
+    Attributes:
+        guess: the site file's model.
+        information: (m, 2, 2), precision of the correction of (power, exponent).
+        evidence: (m, 2), precision times mean.
+        correction: (m, 2), in use.
+    """
+
+    guess: PathLoss
+    information: Array
+    evidence: Array
+    correction: Array
+
+    @classmethod
+    def of(cls, guess: PathLoss) -> Calibration:
+        """Start from the site file's guess."""
+        m = len(guess.names)
+        prior = np.diag([POWER_SIGMA**-2, EXPONENT_SIGMA**-2])
+        return cls(guess, np.broadcast_to(prior, (m, 2, 2)).copy(), np.zeros((m, 2)), np.zeros((m, 2)))
+
+    def rssi(self, places: Array) -> Array:
+        """Return the expected signal strengths, (n, m) in dBm, at (n, 2) places."""
+        level = self.guess.log_distance(places)
+        expected: Array = (self.guess.power_1m + self.correction[:, 0]) - (
+            self.guess.exponent + self.correction[:, 1]
+        ) * level
+        return expected
+
+    def learn(self, place: Array, heard: NDArray[np.int64], level: Array, weight: float) -> None:
+        """Note one scan of a phone whose place is known.
+
+        Args:
+            place: (2,), metres.
+            heard: (h,), which access points.
+            level: (h,), what they read, the phone's own offset taken off, dBm.
+            weight: inverse variance of a reading, dB⁻²; less where the phone hardly moved.
+        """
+        distance = self.guess.log_distance(place[None])[0, heard]
+        residual = level - (self.guess.power_1m[heard] - self.guess.exponent[heard] * distance)
+        self.information[heard, 0, 0] += weight
+        self.information[heard, 0, 1] -= weight * distance
+        self.information[heard, 1, 0] -= weight * distance
+        self.information[heard, 1, 1] += weight * distance**2
+        self.evidence[heard, 0] += weight * residual
+        self.evidence[heard, 1] -= weight * distance * residual
+
+    def solve(self) -> None:
+        """Put what was learned to use."""
+        (a, b), (_, d) = self.information[:, 0].T, self.information[:, 1].T
+        determinant = a * d - b * b
+        self.correction = np.column_stack(
+            [
+                (d * self.evidence[:, 0] - b * self.evidence[:, 1]) / determinant,
+                (a * self.evidence[:, 1] - b * self.evidence[:, 0]) / determinant,
+            ]
+        )
+
+    def variance(self) -> Array:
+        """Return what is still uncertain of a reading ten metres away, (m,) in dB²."""
+        (a, b), (_, d) = self.information[:, 0].T, self.information[:, 1].T
+        remaining: Array = (d + 2.0 * b * TYPICAL + a * TYPICAL**2) / (a * d - b * b)
+        return remaining
+
+    def state(self) -> dict[str, Any]:
+        """Return what was learned as JSON values."""
+        return {name: pack(getattr(self, name)) for name in ("information", "evidence", "correction")}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from ``state()``."""
+        self.information, self.evidence, self.correction = (
+            unpack(state[name]) for name in ("information", "evidence", "correction")
+        )
