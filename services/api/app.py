@@ -14,6 +14,7 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import RedirectResponse, Response, StreamingResponse
 
 from services.api.auth import Guard, KeyRing
+from services.api.hot_reads import HotReads
 from services.api.live_state import LiveState
 from services.api.openapi import describe, documented, error
 from services.api.problems import Problem, ProblemError, tell_problems, unknown
@@ -69,7 +70,14 @@ def create_app(
         health: makes the health report of one moment.
         lifespan: runs around the life of the server.
     """
-    layers = [Middleware(Guard, ring=KeyRing(settings.api_keys))]
+    sources: dict[str, Callable[[float], bytes]] = {
+        "/v1/positions": live.positions_json,
+        "/v1/tracks": lambda now: live.tracks_json(None, now),
+        "/v1/zones": live.zones_json,
+        "/v1/cameras": live.cameras_json,
+        "/v1/site": lambda _: site_json,
+    }
+    layers = [Middleware(Guard, ring=KeyRing(settings.api_keys)), Middleware(HotReads, sources=sources)]
     if settings.cors_origins:
         headers = ["Authorization", "X-API-Key", "Last-Event-ID"]
         cors = Middleware(
