@@ -69,7 +69,7 @@ def run_clip(folder: Path, *, quiet: bool = True) -> PetsRun:
     """
     run = PetsRun(recording=folder / "pets09.mcap")
     log = (lambda name, line: None) if quiet else (lambda name, line: print(f"{name:<10} {line}"))
-    demo = Demo(find_site("pets09"), Ports.free(), log, folder / "pets09.log", dashboard=False)
+    demo = Demo(find_site("pets09"), Ports.free(), log, folder, dashboard=False)
     stopping = threading.Event()
     threads = []
     try:

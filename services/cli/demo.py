@@ -72,7 +72,7 @@ class Demo:
         site_file: the site.
         ports: where to listen.
         log: called with (process, line) for everything printed.
-        log_file: where it is kept.
+        folder: where the log and the demo's database are kept; ``var/demo`` by default.
         dashboard: whether to start the live map.
         endpoint: a router that runs already; by default one is opened inside this process.
     """
@@ -82,7 +82,7 @@ class Demo:
         site_file: Path,
         ports: Ports,
         log: Callable[[str, str], None] = lambda name, line: None,
-        log_file: Path | None = None,
+        folder: Path | None = None,
         *,
         dashboard: bool = True,
         endpoint: str | None = None,
@@ -91,6 +91,9 @@ class Demo:
         self.ports = ports
         self.endpoint = endpoint or f"tcp/127.0.0.1:{ports.bus}"
         self._dashboard = dashboard
+        self._folder = (folder or Path("var") / "demo").resolve()
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self.log_file = self._folder / f"{site_file.parent.name}.log"
         environment = {
             "ATRIUM_SITE_FILE": str(site_file),
             "ATRIUM_PROFILE": "demo",
@@ -99,7 +102,7 @@ class Demo:
             "ATRIUM_SIMULATOR_PORT": str(ports.video),
         }
         self.site = _load(site_file, environment)
-        self.launcher = Launcher(environment, log, log_file)
+        self.launcher = Launcher(environment, log, self.log_file)
         self._router = None if endpoint else router(self.endpoint)
         self.cameras, self.others = self._plan()
 
@@ -146,9 +149,14 @@ class Demo:
         return statuses
 
     def _plan(self) -> tuple[list[ProcessSpec], list[ProcessSpec]]:
+        database = self._folder / f"{self.site.site}.db"
         simulator_file = self.site_file.parent / "simulator.yaml"
         wanted: list[tuple[str, str, dict[str, str]]] = [
-            ("gateway", "services.gateway", {"ATRIUM_PORT": str(self.ports.gateway)}),
+            (
+                "gateway",
+                "services.gateway",
+                {"ATRIUM_GATEWAY_PORT": str(self.ports.gateway), "ATRIUM_DATABASE_URL": f"sqlite:///{database}"},
+            ),
             *(
                 (
                     f"fusion-{area.id}" if len(self.site.areas) > 1 else "fusion",
@@ -158,10 +166,10 @@ class Demo:
                 for area in self.site.areas
             ),
             ("geofence", "services.geofence", {}),
-            ("api", "services.api", {"ATRIUM_PORT": str(self.ports.api)}),
+            ("api", "services.api", {"ATRIUM_API_PORT": str(self.ports.api)}),
         ]
         if self._dashboard:
-            settings = {"ATRIUM_PORT": str(self.ports.dashboard), "ATRIUM_API_URL": self.api_url}
+            settings = {"ATRIUM_DASHBOARD_PORT": str(self.ports.dashboard), "ATRIUM_API_URL": self.api_url}
             wanted.append(("dashboard", "services.dashboard", settings))
         if simulator_file.is_file():
             settings = {"ATRIUM_CONFIG": str(simulator_file), "ATRIUM_GATEWAY_URL": self.gateway_url}

@@ -62,13 +62,12 @@ def demo(
         ports = Ports.free() if free_ports else Ports()
         if taken := ports.taken():
             raise LauncherError(f"in use already: {', '.join(taken)}; stop what listens there or add --free-ports")
-        log_file = Path("var") / "demo" / f"{site_file.parent.name}.log"
-        running = Demo(site_file, ports, show, log_file, dashboard=dashboard)
+        running = Demo(site_file, ports, show, dashboard=dashboard)
         with console.status(f"starting {running.site.name or running.site.site} …"):
             if record is not None:
                 recording = _record_in_thread(running, record, stopping)
             running.start(stopping=stopping)
-        _introduce(running, log_file, dashboard)
+        _introduce(running, dashboard)
         if open_browser and dashboard:
             webbrowser.open(running.dashboard_url)
         _watch(running, stopping, seconds)
@@ -251,13 +250,13 @@ def _record_in_thread(running: Demo, out: Path, stopping: threading.Event) -> th
     return thread
 
 
-def _introduce(running: Demo, log_file: Path, dashboard: bool) -> None:
+def _introduce(running: Demo, dashboard: bool) -> None:
     if dashboard:
         console.print(f"  live map    [bold]{running.dashboard_url}[/bold]")
     console.print(f"  API         {running.api_url}/docs   (key: {API_KEY})")
     console.print(f"  phones post {running.gateway_url}/docs   (enrolment key: demo-enrolment-key)")
     console.print(f"  bus         {running.endpoint}")
-    console.print(f"  log         {log_file}")
+    console.print(f"  log         {running.log_file}")
     console.print("Ctrl-C stops all.", style="dim")
 
 

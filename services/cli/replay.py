@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from services.cli.recording import INPUT_KINDS, Consumed, Recording
+from services.fusion.registry import DEFAULT_TRACKER
 from services.fusion.replay import replay_tracks
 from shared.bus import Bus, Publisher
 from shared.messages import Message, TrackFrame, decode, encode
@@ -97,9 +98,11 @@ def _verify_area(recording: Recording, site: Site, area: str) -> Verdict:
             yield consumed
 
     different, first_difference, frames, unrecorded, missing = 0, None, 0, 0, 0
-    computed = replay_tracks(
-        ((consumed.mark, consumed.inputs) for consumed in recorded_chunks()), site, area, recording.state(area)
+    tracker = next(
+        (consumed.tracks.tracker for consumed in recording.consumed(area) if consumed.tracks), DEFAULT_TRACKER
     )
+    recorded = ((consumed.mark, consumed.inputs) for consumed in recorded_chunks())
+    computed = replay_tracks(recorded, site, area, recording.state(area), tracker)
     for frame in computed:
         while chunks[0].mark.chunk != frame.chunk:
             chunks.pop(0)

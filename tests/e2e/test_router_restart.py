@@ -33,7 +33,7 @@ def hall(tmp_path: Path) -> Iterator[tuple[Demo, subprocess.Popen[str]]]:
     ports = Ports.free()
     endpoint = f"tcp/127.0.0.1:{ports.bus}"
     router = start_router(endpoint)
-    demo = Demo(find_site("hall"), ports, log_file=tmp_path / "hall.log", dashboard=False, endpoint=endpoint)
+    demo = Demo(find_site("hall"), ports, folder=tmp_path, dashboard=False, endpoint=endpoint)
     demo.start(timeout=90)
     yield demo, router
     demo.stop()
