@@ -42,6 +42,7 @@ class System:
     bus: Bus
     keys: Keys
     start_api: Callable[[], subprocess.Popen[bytes]]
+    start_dashboard: Callable[[], subprocess.Popen[bytes]]
     api: subprocess.Popen[bytes]
     processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
 
@@ -81,6 +82,7 @@ def system(project: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
             bus=bus,
             keys=Keys("hall"),
             start_api=start_api,
+            start_dashboard=lambda: start_dashboard(port, ""),
             api=start_api(),
             processes={"dashboard": start_dashboard(port, ""), "locked": start_dashboard(password_port, PASSWORD)},
         )
@@ -229,11 +231,22 @@ def test_the_page_says_that_the_api_is_gone_and_recovers_by_itself(
     wait_until(lambda: not banner.is_displayed() and len(_tracks(page)) >= len(DEVICES), 40, "the map to come back")
 
 
-def test_the_dashboard_stops_in_time_with_browsers_watching(system: System, page: WebDriver) -> None:
-    assert _tracks(page)
+def test_the_dashboard_stops_in_time_and_the_open_page_survives_its_restart(system: System, page: WebDriver) -> None:
+    Select(page.find_element(By.ID, "atrium-floor")).select_by_visible_text("Gallery")
     process = system.processes["dashboard"]
     process.send_signal(signal.SIGTERM)
     assert process.wait(5) == 0
+    banner = page.find_element(By.ID, "atrium-banner")
+    wait_until(lambda: "the dashboard does not answer" in banner.text, 15, "the banner")
+    page.execute_script("window.thisIsTheOldPage = true")
+    system.processes["dashboard"] = system.start_dashboard()
+
+    def back() -> bool:
+        ready = "return document.readyState === 'complete' && !window.thisIsTheOldPage && window.atrium !== undefined"
+        return bool(page.execute_script(ready)) and len(_tracks(page)) >= len(DEVICES)
+
+    wait_until(back, 60, "the page to come back by itself")
+    assert page.execute_script("return atrium.floor") == "gallery"
 
 
 def _two_floors(project: Path) -> dict[str, Any]:

@@ -69,8 +69,8 @@ function takeSite(site) {
   const select = page["atrium-floor"];
   const sorted = [...site.floors].sort((a, b) => (b.level ?? 0) - (a.level ?? 0));
   select.replaceChildren(...sorted.map((floor) => new Option(floor.name || floor.id, floor.id)));
-  const known = site.floors.some((floor) => floor.id === state.floor?.id);
-  chooseFloor(known ? state.floor.id : site.floors[0].id);
+  const wished = state.floor?.id ?? remembered("floor");
+  chooseFloor(site.floors.some((floor) => floor.id === wished) ? wished : site.floors[0].id);
   select.parentElement.hidden = site.floors.length < 2;
   panels.site(site);
 }
@@ -80,6 +80,7 @@ function chooseFloor(id) {
   if (floor === undefined) return;
   state.floor = floor;
   page["atrium-floor"].value = id;
+  remember("floor", id);
   if (fitted !== id) fit();
 }
 
@@ -203,10 +204,31 @@ function appeared(ids) {
   });
 }
 
+// A screen on the wall shows the same floor after every restart. A browser may forbid storing: then it forgets.
+function remember(name, value) {
+  try {
+    localStorage.setItem(`atrium.${name}`, value);
+  } catch {
+    // forgotten
+  }
+}
+
+function remembered(name) {
+  try {
+    return localStorage.getItem(`atrium.${name}`);
+  } catch {
+    return null;
+  }
+}
+
 function wireControls() {
   for (const box of document.querySelectorAll("#atrium-layers input")) {
+    box.checked = (remembered(box.value) ?? "on") === "on";
     layers[box.value] = box.checked;
-    box.addEventListener("change", () => (layers[box.value] = box.checked));
+    box.addEventListener("change", () => {
+      layers[box.value] = box.checked;
+      remember(box.value, box.checked ? "on" : "off");
+    });
   }
   page["atrium-floor"].addEventListener("change", (event) => chooseFloor(event.target.value));
   document.getElementById("zoom-in").addEventListener("click", () => view.zoom(1.4));

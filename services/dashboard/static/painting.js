@@ -6,6 +6,7 @@ const CAMERA = "#b27a1e";
 const RADIO = "#6a63b5";
 const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Liberation Sans', sans-serif";
 const LIGHTEN_MS = 4000;
+const TRAIL_BANDS = 8;
 
 export function paintPlan(context, view, floor) {
   polygon(context, view, floor.outline);
@@ -192,16 +193,23 @@ function grid(context, view, floor) {
   context.restore();
 }
 
+// Fading in a few bands rather than piece by piece: with hundreds of people every stroke counts.
 function trail(context, view, person, colour) {
-  const points = person.trail.map(([, x, y]) => [x, y]);
-  points.push([person.x, person.y]);
+  const points = person.trail;
+  const last = points.length - 1;
+  if (last < 0) return;
   context.lineWidth = 2.5;
-  context.lineCap = "round";
-  for (let i = 1; i < points.length; i += 1) {
-    context.strokeStyle = fade(colour, 0.45 * person.alpha * (i / points.length) ** 1.5);
+  context.lineCap = "butt";
+  context.lineJoin = "round";
+  for (let band = 0; band < TRAIL_BANDS; band += 1) {
+    const from = Math.floor((band * last) / TRAIL_BANDS);
+    const to = Math.floor(((band + 1) * last) / TRAIL_BANDS);
+    const newest = band === TRAIL_BANDS - 1;
+    if (from === to && !newest) continue;
+    context.strokeStyle = fade(colour, 0.45 * person.alpha * ((band + 1) / TRAIL_BANDS) ** 1.5);
     context.beginPath();
-    context.moveTo(...view.toScreen(...points[i - 1]));
-    context.lineTo(...view.toScreen(...points[i]));
+    for (let i = from; i <= to; i += 1) context.lineTo(...view.toScreen(points[i][1], points[i][2]));
+    if (newest) context.lineTo(...view.toScreen(person.x, person.y));
     context.stroke();
   }
 }
