@@ -164,12 +164,18 @@ class CameraGeometry:
         centre = np.array(_middle(image_size))
         best = None
         for focal in _focal_candidates(image_size):
-            pose = _pose_from_homography(_homography(plan, (image - centre) / focal))
-            start = np.concatenate([[math.log(focal)], pose])
-            fit = least_squares(_reprojection, start, args=(plan, image, centre), x_scale="jac", max_nfev=400)
+            try:
+                pose = _pose_from_homography(_homography(plan, (image - centre) / focal))
+                start = np.concatenate([[math.log(focal)], pose])
+                fit = least_squares(
+                    _reprojection, start, args=(plan, image, centre), method="lm", x_scale="jac", max_nfev=800
+                )
+            except (np.linalg.LinAlgError, ValueError):
+                continue  # from here the points make no camera; another start may
             if best is None or fit.cost < best.cost:
                 best = fit
-        assert best is not None  # noqa: S101 (the candidates are never empty)
+        if best is None:
+            raise GeometryError("no camera above the floor sees these points: check the pairs")
         focal, rotation, translation = _unpack(best.x)
         camera = cls(image_size, (focal, focal), (centre[0], centre[1]), rotation, translation)
         residual = np.linalg.norm(camera.to_image(np.column_stack([plan, np.zeros(len(plan))])) - image, axis=1)
@@ -279,6 +285,7 @@ def _unpack(parameters: Array) -> tuple[float, Array, Array]:
 def _reprojection(parameters: Array, plan: Array, image: Array, centre: Array) -> Array:
     focal, rotation, translation = _unpack(parameters)
     local = np.column_stack([plan, np.zeros(len(plan))]) @ rotation.T + translation
-    depth = np.where(np.abs(local[:, 2:]) < 1e-6, 1e-6, local[:, 2:])
+    # A wall at the lens: a point that slips behind the camera costs dearly, where its mirror image would fit.
+    depth = np.maximum(local[:, 2:], 1e-3)
     residual: Array = (focal * local[:, :2] / depth + centre - image).ravel()
     return residual

@@ -51,7 +51,7 @@ class FloorPlan:
         return self.contains(points) & ~blocked
 
     def walls_crossed(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.int64]:
-        """How many walls stand between (n, 2) ``start`` and (n, 2) ``end``."""
+        """How many walls stand between (n, 2) ``start`` and (n, 2) ``end``; none where the two are one place."""
         if self.walls.is_empty:
             return np.zeros(len(start), dtype=np.int64)
         lines = np.asarray(shapely.linestrings(np.stack([start, end], axis=1)), dtype=object).reshape(-1)
