@@ -108,6 +108,10 @@ class Events:
     def of(self, event: str) -> list[dict[str, object]]:
         return [data for name, data in list(self.seen) if name == event]
 
+    @property
+    def ended(self) -> bool:
+        return not self._thread.is_alive()
+
     def close(self) -> None:
         self._closing.set()
         self._thread.join(DEADLINE)
@@ -184,7 +188,7 @@ def test_reads_and_stream_show_what_is_on_the_bus(site: Site, project: Path, zen
         health = get(address, "/v1/health")
         assert "camera hall-east: no picture for 5 s" in health["problems"]  # type: ignore[operator]
         assert health["status"] == "degraded"
-        events.close()
+    wait_until(lambda: events.ended, DEADLINE, "the open stream to end with the service")
 
 
 def test_a_late_joiner_gets_the_cached_alerts_and_can_resume(
