@@ -71,6 +71,7 @@ def create_app(gateway: Gateway) -> FastAPI:
     workers = ThreadPoolExecutor(2, "phones")  # dead reckoning and the bus never hold the event loop
     places = threading.BoundedSemaphore(WAITING_BATCHES)
     known: dict[str, Registered] = {}  # tokens seen since start, so that a batch costs no query
+    withdrawn: set[str] = set()  # a query under way must not bring a dead token back
 
     @asynccontextmanager
     async def life(_app: FastAPI) -> AsyncIterator[None]:
@@ -82,6 +83,7 @@ def create_app(gateway: Gateway) -> FastAPI:
         title="Atrium gateway",
         summary="Where phones post what they measure and read where they are.",
         version="1",
+        redoc_url=None,
         lifespan=life,
     )
     complete(app)
@@ -96,7 +98,7 @@ def create_app(gateway: Gateway) -> FastAPI:
         found = known.get(token)
         if found is None:
             found = await work(gateway.store.by_token, token)
-            if found is None:
+            if found is None or found.id in withdrawn:
                 _refuse_token()
             known[token] = found
         if found.id != device:
@@ -199,6 +201,7 @@ def create_app(gateway: Gateway) -> FastAPI:
         """Take the consent back: the token dies at once and the device is forgotten."""
         await whose(request, device)
         await work(gateway.store.withdraw, device, time.time())
+        withdrawn.add(device)
         known.pop(_bearer(request), None)
         await work(gateway.phones.forget, device)
         gateway.positions.forget(device)

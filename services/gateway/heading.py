@@ -115,4 +115,5 @@ def _compass(up: Array, field: Array, upright: float) -> Array:
     held_upright = uy > upright
     along_north = np.where(held_upright, -nz, ny)
     along_east = np.where(held_upright, ny * ux - nx * uy, nz * ux - nx * uz)
-    return np.arctan2(along_east, along_north)
+    heading: Array = np.arctan2(along_east, along_north)
+    return heading

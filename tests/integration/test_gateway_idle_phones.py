@@ -1,0 +1,83 @@
+"""Idle phones cost nothing, and are taken back as if nothing had been."""
+
+import json
+import pickle
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from waiting import wait_until
+
+from services.gateway.batch_check import Limits
+from services.gateway.dead_reckoning import DeadReckoner, InertialSamples
+from services.gateway.errors import RequestError
+from services.gateway.phone_book import PhoneBook
+from services.gateway.storage import Registered
+from shared.bus import Bus
+from shared.messages import Message, RadioScan
+from shared.site import load_site
+
+DEVICE = Registered("d-1", "hand")
+
+
+def body(seq: int) -> bytes:
+    scan = {"t": 100.0, "address": ["02:a7:00:00:00:01"], "rssi": [-50]}
+    return json.dumps({"sent": 100.0, "seq": seq, "radio": [scan]}).encode()
+
+
+@pytest.fixture
+def site_file(project: Path) -> Path:
+    return project / "deploy/sites/hall/site.yaml"
+
+
+def test_an_idle_phone_holds_no_publisher_and_goes_on_where_it_was(zenoh_router: str, site_file: Path) -> None:
+    site = load_site(site_file)
+    with Bus([zenoh_router]) as bus:
+        inbox = bus.inbox()
+        inbox.subscribe(f"atrium/1/{site.site}/device/*/radio", RadioScan)
+        phones = PhoneBook(site, bus, Limits(), idle=10.0)
+        before = len(bus._declared)
+        phones.post(DEVICE, body(0), time.time())
+        assert len(bus._declared) == before + 1
+        phones.rest(time.monotonic() + 11.0)
+        assert len(bus._declared) == before
+        assert phones.post(DEVICE, body(0), time.time()).duplicate
+        phones.post(DEVICE, body(1), time.time())
+        received: list[Message] = []
+
+        def both() -> bool:
+            received.extend(delivery.message for delivery in inbox.receive(0.1))
+            return len(received) >= 2
+
+        wait_until(both, 5, "both scans")
+        assert [message.seq for message in received if isinstance(message, RadioScan)] == [0, 1]
+
+
+def test_a_phone_silent_for_very_long_is_forgotten_whole(zenoh_router: str, site_file: Path) -> None:
+    with Bus([zenoh_router]) as bus:
+        phones = PhoneBook(load_site(site_file), bus, Limits(), idle=10.0)
+        phones.post(DEVICE, body(0), time.time())
+        phones.rest(time.monotonic() + 121.0)
+        assert not phones._entries
+        assert not phones.post(DEVICE, body(0), time.time()).duplicate
+
+
+def test_a_bus_that_is_gone_keeps_the_batch_for_the_next_try(zenoh_router: str, site_file: Path) -> None:
+    bus = Bus([zenoh_router])
+    phones = PhoneBook(load_site(site_file), bus, Limits(), idle=10.0)
+    phones.post(DEVICE, body(0), time.time())
+    bus.close()
+    with pytest.raises(RequestError) as caught:
+        phones.post(DEVICE, body(1), time.time())
+    assert caught.value.status == 503
+    assert len(phones._entries[DEVICE.id].phone.outbox) == 1
+
+
+def test_the_state_of_a_walking_phone_is_small() -> None:
+    reckoner = DeadReckoner(north=0.0)
+    for second in range(60):
+        t = second + np.arange(0, 1, 0.01)
+        acceleration = np.stack([0 * t, 0 * t, 9.81 + 3 * np.sin(2 * np.pi * 1.9 * t)], axis=1)
+        reckoner.push(InertialSamples(t, acceleration, np.zeros((100, 3)), np.tile([0.0, 20.0, -43.0], (100, 1))))
+    assert len(pickle.dumps(reckoner)) < 60_000
