@@ -107,7 +107,7 @@ class Crossings:
         px, py = x[row], y[row]
 
         inside = self._inside[code]
-        self._begin(code, row, known, before_x, before_y, before_t)
+        self._begin(code, row, depth, t, x, y, known, before_x, before_y, before_t)
         # A change of floor is no step: what was touched downstairs is not passed upstairs.
         touched = (self._touched[code] | touched_now | (depth >= WITHIN)) & (self._index.floor[zone] == floor[row])
         self._touched[code] = touched
@@ -197,14 +197,29 @@ class Crossings:
             touched[slow] = self._index.touches(zone[slow], _segments(before_x[r], before_y[r], x[r], y[r]))
         return code, row, zone, depth, touched
 
-    def _begin(self, code: Ints, row: Ints, known: Bools, x: Floats, y: Floats, t: Floats) -> None:
-        """Start the machines of pairs that did not matter so far: the track was well away from them at (x, y, t)."""
+    def _begin(
+        self,
+        code: Ints,
+        row: Ints,
+        depth: NDArray[np.int8],
+        t: float,
+        x: Floats,
+        y: Floats,
+        known: Bools,
+        before_x: Floats,
+        before_y: Floats,
+        before_t: Floats,
+    ) -> None:
+        """Start the machines of pairs that did not matter so far: the frame before was well away from the zone."""
         begins = ~self._is_active[code]
-        fresh, row = code[begins], row[begins]
+        fresh, row, outside = code[begins], row[begins], depth[begins] < WITHIN
         self._since[fresh] = np.nan
         self._touched[fresh] = False
-        self._anchor_t[fresh] = np.where(known[row], t[row], np.nan)
-        self._anchor_x[fresh], self._anchor_y[fresh] = x[row], y[row]
+        # A track born beside a zone starts there; one born inside it has not come through anything.
+        known = known[row]
+        self._anchor_t[fresh] = np.where(known, before_t[row], np.where(outside, t, np.nan))
+        self._anchor_x[fresh] = np.where(known, before_x[row], x[row])
+        self._anchor_y[fresh] = np.where(known, before_y[row], y[row])
 
     def _changed(self, kind: Literal["enter", "exit"], pair: int, track: int) -> Crossing:
         """Count and return a change that has been pending since a time and place remembered."""
@@ -234,6 +249,18 @@ class Crossings:
             for kind, share in turns
         ]
 
+    def _passed_at_last(self, slot: int, track: int) -> list[Crossing]:
+        """Return the crossings of a track that went through a zone and ended just behind it, within the margin."""
+        happened = []
+        x, y, t = float(self._x[slot]), float(self._y[slot]), float(self._t[slot])
+        first = slot * self._zones
+        span = slice(first, first + self._zones)
+        for zone in np.flatnonzero(self._is_active[span] & self._touched[span] & ~self._inside[span]).tolist():
+            anchored = not np.isnan(self._anchor_t[first + zone])
+            if anchored and self._index.depth(np.array([zone]), np.array([x]), np.array([y]))[0] < WITHIN:
+                happened.extend(self._passed(first + zone, track, t, x, y))
+        return happened
+
     def _vanish(self, t: float, grace: float) -> list[Crossing]:
         """Forget the tracks not seen for ``grace`` seconds; where they were inside, they leave at ``t``."""
         gone = np.flatnonzero(t - self._t[self._slot_of_id] > grace)
@@ -244,6 +271,7 @@ class Crossings:
             for zone in np.flatnonzero(self._inside[span]).tolist():
                 self.occupancy[zone] -= 1
                 happened.append(Crossing("exit", zone, track, t, float(self._x[slot]), float(self._y[slot])))
+            happened.extend(self._passed_at_last(slot, track))
             self._inside[span] = False
             self._is_active[span] = False
             self._free.append(slot)

@@ -175,6 +175,14 @@ def test_a_gate_between_the_old_track_and_the_new_one_is_not_missed() -> None:
     assert [(c.kind, c.track) for c in happened] == [("enter", 2), ("exit", 2)]
 
 
+@pytest.mark.parametrize("first", [9.9, 9.0])
+@pytest.mark.parametrize("last", [10.15, 11.0])
+def test_a_gate_is_not_missed_by_a_track_born_or_lost_beside_it(first: float, last: float) -> None:
+    crossings = make()
+    happened = walk(crossings, line((first, 0), (last, 0), 12)) + crossings.close(100.0)
+    assert kinds(happened, 1) == ["enter", "exit"]
+
+
 def test_a_former_id_still_reported_keeps_its_own_state() -> None:
     crossings = make()
     step = crossings.step
