@@ -48,12 +48,13 @@ class IdentitySettings:
     """Speed of a person out of view, m/s: how fast a stranger's readings lose their memory."""
     elsewhere_range: float = 5.0
     """Metres over which what a stranger hears stays alike."""
-    trust: float = 0.8
-    """Share of the evidence that is believed: the model is never quite right."""
-    trust_motion: float = 0.8
-    """The same of what phones tell of their walks."""
-    prior: float = math.log(0.2)
-    """Log-odds that a device is on a given new track."""
+    trust: float = 1.0
+    """Share of the radio evidence that is believed …"""
+    trust_motion: float = 1.0
+    """… and of what phones tell of their walks."""
+    prior: float = 2.0
+    """Log-odds that a device is on a given new track, each track by itself. Above zero, because a stranger's readings
+    are explained a little too well: they are fitted by a Gaussian that knows no path."""
     cap: float = 12.0
     """Largest log-odds either way: no past is so sure that it could not be overruled."""
     fade_distance: float = 40.0
@@ -65,9 +66,9 @@ class IdentitySettings:
     """Seconds for which a track that ended may be continued by a new one."""
     continued: float = 0.5
     """Probability that a track born right where another was lost continues it."""
-    claim: float = 0.5
+    claim: float = 0.4
     """Probability from which a device gets a track, and down to which it keeps it."""
-    keep: float = 0.3
+    keep: float = 0.2
     certain: float = 0.9
     """Probability from which a pair teaches the access points' constants, put to use every so many seconds."""
     calibrate_every: float = 2.0

@@ -1,0 +1,225 @@
+"""What every tracker must do, whatever it is made of."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from fusion_world import World, chunk, frame, make_site
+
+from services.fusion.area_view import AreaView
+from services.fusion.registry import TRACKERS, make_tracker
+from services.fusion.tracker import Chunk, Tracker, TrackerStateError
+from shared.messages import DetectionFrame, MotionBatch, RadioScan, TrackFrame, encode
+from shared.site import Site
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
+    folder: Path = tmp_path_factory.mktemp("site")
+    return make_site(folder)
+
+
+@pytest.fixture(scope="module")
+def view(site: Site) -> AreaView:
+    return AreaView.of(site, "hall")
+
+
+@pytest.fixture(params=sorted(TRACKERS))
+def tracker(request: pytest.FixtureRequest, view: AreaView) -> Tracker:
+    return make_tracker(request.param, view, seed=3)
+
+
+@pytest.fixture(scope="module")
+def chunks(site: Site) -> list[Chunk]:
+    return World(site, seed=1, seconds=20.0, cameras=("west", "east")).chunks()
+
+
+def fresh(tracker: Tracker, view: AreaView) -> Tracker:
+    return make_tracker(tracker.name, view, seed=3)
+
+
+def run(tracker: Tracker, chunks: Sequence[Chunk]) -> list[TrackFrame]:
+    return [tracker.step(one) for one in chunks]
+
+
+def walk_east(tracker: Tracker, seconds: float = 3.0, rate: float = 10.0, t0: float = 100.0) -> TrackFrame:
+    """One person walks east at 1 m/s from (8, 7)."""
+    for number in range(int(seconds * rate)):
+        t = t0 + number / rate
+        last = tracker.step(chunk(frame(t, [(8.0 + t - t0, 7.0)], seq=number)))
+    return last
+
+
+def test_the_same_chunks_give_the_same_bytes(tracker: Tracker, view: AreaView, chunks: list[Chunk]) -> None:
+    once = b"\n".join(encode(tracks) for tracks in run(tracker, chunks))
+    again = b"\n".join(encode(tracks) for tracks in run(fresh(tracker, view), chunks))
+    assert once == again
+
+
+def test_everybody_is_found(tracker: Tracker, site: Site, chunks: list[Chunk]) -> None:
+    world = World(site, seed=1, seconds=20.0)
+    for tracks in run(tracker, chunks)[60:]:
+        found = np.column_stack([tracks.x, tracks.y])
+        apart = np.linalg.norm(world.places(tracks.t)[:, None] - found[None], axis=2)
+        assert (apart.min(axis=1) < 1.0).all()
+
+
+def test_two_cameras_do_not_make_twins(tracker: Tracker, chunks: list[Chunk]) -> None:
+    for tracks in run(tracker, chunks)[30:]:
+        assert len(tracks.track) <= 5
+        assert len(set(tracks.track)) == len(tracks.track)
+
+
+def test_the_order_of_detections_in_a_frame_means_nothing(
+    tracker: Tracker, view: AreaView, chunks: list[Chunk]
+) -> None:
+    def reversed_frame(one: DetectionFrame) -> DetectionFrame:
+        return msgspec.structs.replace(one, **{name: getattr(one, name)[::-1] for name in one.columns()})
+
+    turned = [dataclasses.replace(one, frames=tuple(reversed_frame(f) for f in one.frames)) for one in chunks]
+    for straight, backwards in zip(run(tracker, chunks), run(fresh(tracker, view), turned), strict=True):
+        assert (straight.x, straight.y) == (backwards.x, backwards.y)
+
+
+def test_empty_chunks_and_empty_frames_are_fine(tracker: Tracker) -> None:
+    nothing = tracker.step(Chunk(1500, 100.0, 100.0 + 1 / 15))
+    assert nothing.track == []
+    assert nothing.chunk == 1500
+    assert tracker.step(chunk(frame(100.2))).track == []
+
+
+def test_an_empty_frame_is_a_miss_and_the_track_dies_in_the_end(tracker: Tracker) -> None:
+    walk_east(tracker)
+    states = []
+    for number in range(40):
+        tracks = tracker.step(chunk(frame(103.0 + number / 10, seq=number)))
+        states.append(tracks.state)
+    assert states[0] == ["coasting"]
+    assert states[-1] == []
+
+
+def test_a_silent_camera_is_not_a_miss(tracker: Tracker) -> None:
+    before = walk_east(tracker)
+    # Three seconds of nothing at all, then the person is where the walk led.
+    after = tracker.step(chunk(frame(105.9, [(13.9, 7.0)])))
+    assert after.track == before.track
+
+
+def test_a_camera_that_does_not_see_the_place_misses_nobody(tracker: Tracker, view: AreaView) -> None:
+    depth = view.views["west"].depth_at(np.array([[12.0, 7.0], [12.0, 16.5]]))
+    assert depth[0] > 1.0 > 0.0 > depth[1]
+
+
+def test_two_frames_of_one_camera_in_a_chunk_are_one_person(tracker: Tracker) -> None:
+    for number in range(30):
+        t = 100.0 + number / 15
+        places = [(8.0 + t - 100.0, 7.0)]
+        tracks = tracker.step(chunk(frame(t, places, seq=2 * number), frame(t + 0.03, places, seq=2 * number + 1)))
+    assert len(tracks.track) == 1
+
+
+def test_a_late_frame_is_compared_with_the_past(tracker: Tracker) -> None:
+    walk_east(tracker)
+    # The east camera's picture of 0.3 s ago comes now; the person was 0.3 m back.
+    tracks = tracker.step(chunk(frame(103.0, [(11.0, 7.0)]), frame(102.7, [(10.7, 7.0)], camera="east")))
+    assert len(tracks.track) == 1
+    assert tracks.x[0] == pytest.approx(11.0, abs=0.12)
+    assert tracks.sources[0][:2] == ["east", "west"]
+
+
+def test_restored_in_mid_run_it_goes_on_byte_for_byte(tracker: Tracker, view: AreaView, chunks: list[Chunk]) -> None:
+    for cut in (10, 77, 150):
+        straight = fresh(tracker, view)
+        run(straight, chunks[:cut])
+        state = straight.state()
+        other = fresh(tracker, view)
+        other.restore(state)
+        assert other.state() == state
+        for one, same in zip(run(straight, chunks[cut:]), run(other, chunks[cut:]), strict=True):
+            assert encode(one) == encode(same)
+
+
+@pytest.mark.parametrize("state", [b"", b"{}", b"[1]", b'{"tracker": "another"}', b'{"tracker": "%s"}'])
+def test_a_broken_state_is_refused_and_changes_nothing(tracker: Tracker, state: bytes) -> None:
+    walk_east(tracker)
+    before = tracker.state()
+    with pytest.raises(TrackerStateError):
+        tracker.restore(state.replace(b"%s", tracker.name.encode()))
+    assert tracker.state() == before
+
+
+def test_no_device_is_on_two_tracks_and_no_column_is_odd(tracker: Tracker, chunks: list[Chunk]) -> None:
+    for tracks in run(tracker, chunks):
+        named = [device for device in tracks.device if device is not None]
+        assert len(named) == len(set(named))
+        assert tracks.tracker == tracker.name
+        for device, rival in zip(tracks.device, tracks.runner_up, strict=True):
+            assert device is None or device != rival
+        assert all(0.0 <= value <= 1.0 for value in (*tracks.probability, *tracks.quality))
+        assert all(xx > 0.0 and xx * yy > xy * xy for xx, xy, yy in tracks.covariance)
+
+
+def test_nonsense_is_ignored_and_nothing_raises(tracker: Tracker) -> None:
+    nan, inf = float("nan"), float("inf")
+    walk_east(tracker)
+    odd = [
+        frame(103.0, [(1e9, 7.0), (nan, 2.0), (inf, 0.0)]),
+        frame(103.1, [(11.0, 7.0)], camera="nobody-knows"),
+        frame(103.2, [(11.2, 7.0)], floor="first"),
+        msgspec.structs.replace(frame(103.3, [(11.3, 7.0)]), covariance=[(0.0, 0.0, 0.0)]),
+        msgspec.structs.replace(frame(103.4, [(11.4, 7.0)]), covariance=[(0.1, 5.0, 0.1)]),
+    ]
+    scans = [
+        RadioScan(t=103.0, device="a", seq=0, access_point=["unknown"], rssi=[-50.0]),
+        RadioScan(t=103.0, device="a", seq=1),
+        RadioScan(t=103.0, device="a", seq=2, access_point=["ap-1", "ap-1"], rssi=[-50.0, nan]),
+        RadioScan(t=1e12, device="a", seq=3, access_point=["ap-1"], rssi=[-50.0]),
+        RadioScan(t=-1e12, device="a", seq=4, access_point=["ap-1"], rssi=[-50.0]),
+        RadioScan(t=nan, device="a", seq=5, access_point=["ap-1"], rssi=[-50.0]),
+        RadioScan(t=103.0, device="b", seq=0, access_point=["ap-2"], rssi=[1e30]),
+    ]
+    motions = [
+        MotionBatch(t=103.0, t_start=102.0, device="never-heard", seq=0, activity="still"),
+        MotionBatch(t=102.0, t_start=103.0, device="a", seq=0, activity="still"),
+        MotionBatch(t=nan, t_start=nan, device="a", seq=1, activity="still"),
+        MotionBatch(
+            t=103.0, t_start=102.0, device="a", seq=2, activity="walking", step_t=[nan], length=[1e9],
+            length_variance=[nan], heading=[nan], heading_variance=[-1.0],
+        ),
+    ]  # fmt: skip
+    for one in odd:
+        tracks = tracker.step(chunk(one, scans=scans, motions=motions))
+        encode(tracks)
+    tracks = tracker.step(chunk(frame(103.5, [(11.5, 7.0)])))
+    assert np.hypot(tracks.x[0] - 11.5, tracks.y[0] - 7.0) < 0.3
+
+
+def test_a_clock_set_back_starts_anew_instead_of_stopping(tracker: Tracker) -> None:
+    walk_east(tracker, t0=100_000.0)
+    assert len(walk_east(tracker, t0=100.0).track) == 1
+
+
+def test_memory_stays_bounded_however_long_it_runs(tracker: Tracker) -> None:
+    """Many people and phones come and go; the state does not grow with the number of those who left."""
+    rng = np.random.default_rng(5)
+    sizes = []
+    for visit in range(60):
+        for number in range(12):
+            t = 1000.0 + 20.0 * visit + number / 7
+            places = np.array([[4.0 + 2 * visit % 16 + number / 7, 5.0], [20.0 - number / 7, 9.0]])
+            scans = [
+                RadioScan(
+                    t=t,
+                    device=f"phone-{visit}-{who}",
+                    seq=number,
+                    access_point=["ap-1", "ap-2", "ap-3"],
+                    rssi=np.round(rng.normal(-60, 5, 3)).tolist(),
+                )
+                for who in range(2)
+            ]
+            tracker.step(chunk(frame(t, places, seq=number), scans=scans if number % 7 == 0 else ()))
+        sizes.append(len(tracker.state()))
+    assert max(sizes[30:]) <= 1.3 * max(sizes[10:30])
