@@ -11,9 +11,10 @@ import msgspec
 from fastapi import APIRouter, FastAPI, Query, Request
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
-from starlette.responses import RedirectResponse, Response, StreamingResponse
+from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
 
 from services.api.auth import Guard, KeyRing
+from services.api.docs_page import docs_page
 from services.api.hot_reads import HotReads
 from services.api.live_state import LiveState
 from services.api.openapi import describe, documented, error
@@ -84,7 +85,7 @@ def create_app(
             CORSMiddleware, allow_origins=settings.cors_origins, allow_methods=["GET"], allow_headers=headers
         )
         layers.insert(0, cors)
-    app = FastAPI(title="Atrium", version="1", redoc_url=None, lifespan=lifespan, middleware=layers)
+    app = FastAPI(title="Atrium", version="1", docs_url=None, redoc_url=None, lifespan=lifespan, middleware=layers)
     tell_problems(app)
     describe(app)
     app.include_router(_reads(site, site_json, live, health))
@@ -93,6 +94,10 @@ def create_app(
     @app.get("/", include_in_schema=False)
     async def root() -> RedirectResponse:
         return RedirectResponse("/docs")
+
+    @app.get("/docs", include_in_schema=False)
+    async def docs() -> HTMLResponse:
+        return HTMLResponse(docs_page(app.openapi()))
 
     return app
 

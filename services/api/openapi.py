@@ -8,8 +8,9 @@ import msgspec
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from services.api.examples import EXAMPLES
 from services.api.problems import MEDIA_TYPE, Problem
-from services.api.replies import EXAMPLES, CameraReport, Reply, TrackColumns
+from services.api.replies import CameraReport, Reply, TrackColumns
 from shared.messages import Alert
 
 __all__ = ["describe", "documented", "error"]

@@ -5,25 +5,34 @@ Units as on the bus: metres, seconds since the epoch (UTC), m/s; covariances (xx
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 
 from shared.messages import Alert, Covariance
 
 __all__ = [
+    "AccessPointView",
     "Alerts",
     "AreaFreshness",
+    "AreaView",
     "CameraReport",
+    "CameraView",
     "Cameras",
+    "FloorView",
     "HealthReport",
+    "ObstacleView",
     "Position",
     "Positions",
+    "Reply",
+    "Ring",
     "ServicePresence",
     "SiteView",
     "Track",
     "TrackColumns",
     "Tracks",
+    "ZoneReport",
+    "ZoneView",
     "Zones",
 ]
 
@@ -246,114 +255,3 @@ class SiteView(Reply, frozen=True, kw_only=True):
     cameras: list[CameraView]
     access_points: list[AccessPointView]
     zones: list[ZoneView]
-
-
-_POSITION: dict[str, Any] = {
-    "device": "d-7f3a",
-    "area": "hall",
-    "floor": "ground",
-    "x": 9.41,
-    "y": 3.2,
-    "covariance": [0.04, 0.0, 0.05],
-    "vx": 0.9,
-    "vy": 0.1,
-    "t": 1767225600.2,
-    "age": 0.08,
-    "track": 12,
-    "probability": 0.97,
-    "state": "confirmed",
-}
-_CAMERA: dict[str, Any] = {
-    "camera": "hall-east",
-    "area": "hall",
-    "state": "ok",
-    "reason": "",
-    "frames": 5021,
-    "dropped": 0,
-    "frames_per_s": 15.0,
-    "t": 1767225599.9,
-    "age": 0.4,
-}
-_ALERT: dict[str, Any] = {
-    "t": 1767225598.1,
-    "id": "1767225598100-hall-12-entrance-enter",
-    "zone": "entrance",
-    "kind": "enter",
-    "area": "hall",
-    "track": 12,
-    "floor": "ground",
-    "x": 9.1,
-    "y": 0.4,
-    "device": "d-7f3a",
-}
-_CORNERS = [[7.0, 0.0], [13.0, 0.0], [13.0, 2.5], [7.0, 2.5]]
-
-EXAMPLES: dict[type[Reply], dict[str, Any]] = {
-    Position: _POSITION,
-    Positions: {"t": 1767225600.28, "positions": [_POSITION]},
-    Tracks: {
-        "t": 1767225600.28,
-        "tracks": [
-            {
-                **{name: value for name, value in _POSITION.items() if name not in ("device", "probability")},
-                "device": "d-7f3a",
-                "probability": 0.97,
-                "runner_up": "d-11c0",
-                "runner_up_probability": 0.02,
-                "former": [3],
-                "quality": 0.93,
-            }
-        ],
-    },
-    Zones: {
-        "t": 1767225600.28,
-        "zones": [
-            {
-                "id": "entrance",
-                "name": "Entrance",
-                "floor": "ground",
-                "polygon": _CORNERS,
-                "alert_on": ["enter", "exit"],
-                "inside": 2,
-            }
-        ],
-    },
-    Alerts: {"t": 1767225600.28, "alerts": [_ALERT]},
-    Cameras: {"t": 1767225600.28, "cameras": [_CAMERA]},
-    HealthReport: {
-        "t": 1767225600.28,
-        "status": "degraded",
-        "problems": ["the geofence service is not running: no alerts are raised"],
-        "services": [{"service": "fusion", "instance": "hall", "alive": True}],
-        "areas": [{"area": "hall", "t": 1767225600.2, "age": 0.08, "people": 14}],
-        "cameras": [_CAMERA],
-    },
-    SiteView: {
-        "site": "hall",
-        "name": "Demo hall",
-        "north": 90.0,
-        "floors": [
-            {
-                "id": "ground",
-                "name": "Ground floor",
-                "level": 0,
-                "outline": [[0.0, 0.0], [20.0, 0.0], [20.0, 12.0], [0.0, 12.0]],
-                "walls": [[[0.0, 0.0], [8.0, 0.0]]],
-                "obstacles": [{"id": "vase", "polygon": [[4.4, 3.4], [5.6, 3.4], [5.6, 4.6], [4.4, 4.6]]}],
-            }
-        ],
-        "areas": [{"id": "hall", "floor": "ground"}],
-        "cameras": [
-            {
-                "id": "hall-east",
-                "area": "hall",
-                "floor": "ground",
-                "position": [10.0, -3.0, 8.0],
-                "footprint": [[0.0, 0.0], [20.0, 0.0], [20.0, 12.0], [0.0, 12.0]],
-            }
-        ],
-        "access_points": [{"id": "ap-1", "floor": "ground", "position": [0.3, 0.3, 2.8], "kind": "wifi"}],
-        "zones": [{"id": "entrance", "name": "Entrance", "floor": "ground", "polygon": _CORNERS}],
-    },
-}
-"""One example per documented body; a test decodes each as the Struct it exemplifies."""

@@ -11,9 +11,11 @@ import shapely
 
 from services.api.app import create_app
 from services.api.auth import KeyRing
+from services.api.docs_page import docs_page
+from services.api.examples import EXAMPLES
 from services.api.health_report import Presence, health_report
 from services.api.live_state import LiveState
-from services.api.replies import EXAMPLES, AreaFreshness, HealthReport, Reply
+from services.api.replies import AreaFreshness, HealthReport, Reply
 from services.api.service import ApiService
 from services.api.settings import ApiSettings
 from services.api.site_view import footprint, site_view
@@ -47,6 +49,9 @@ def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: 
         assert {"200", "401", "403"} <= set(answers), path
         assert "example" in json.dumps(answers["200"]), path
     assert document["security"]
+    page = docs_page(document)
+    assert all(path in page for path in document["paths"])
+    assert "//" not in page.replace("http://127.0.0.1", ""), "the page loads nothing from anywhere"
 
 
 def test_keys_are_read_in_every_documented_form(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
