@@ -75,8 +75,11 @@ _decode_trace = msgspec.json.Decoder(Trace).decode
 class Publisher(Generic[M]):
     """Publishes messages of one type on one key."""
 
-    def __init__(self, put: Callable[..., None], kind: type[M], undeclare: Callable[[], None]) -> None:
+    def __init__(
+        self, put: Callable[..., None], kind: type[M], undeclare: Callable[[], None], matching: Callable[[], bool]
+    ) -> None:
         self._put = put
+        self._matching = matching
         self._undeclare = undeclare
         self._kind = kind
         self._count = PUBLISHED.labels(kind.__name__)
@@ -96,6 +99,11 @@ class Publisher(Generic[M]):
         self._put(encode(message), attachment=_encode_trace(trace))
         self._count.inc()
         return trace
+
+    @property
+    def matched(self) -> bool:
+        """Whether anybody subscribes to this key now."""
+        return self._matching()
 
     def close(self) -> None:
         """Withdraw the publisher; for keys that come and go, such as a device's. The bus closes all others itself."""
@@ -286,7 +294,7 @@ class Bus:
                 self._declared.remove(declared)
                 declared.undeclare()
 
-        return Publisher(declared.put, kind, undeclare)
+        return Publisher(declared.put, kind, undeclare, lambda: bool(declared.matching_status.matching))
 
     def inbox(self, capacity: int = 10_000) -> Inbox:
         """Return a new inbox that holds at most ``capacity`` undelivered messages."""

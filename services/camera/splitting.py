@@ -11,7 +11,6 @@ the picture (towards the edge of a wide lens) or are seen from above have patche
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 from typing import cast
@@ -91,13 +90,8 @@ class PersonTemplates:
         axis = np.stack([_at_height(geometry, ground, level) for level in levels], axis=1)
         middle = 0.5 * (axis[:, 1:] + axis[:, :-1])
         reach = 0.5 * np.abs(axis[:, 1:] - axis[:, :-1])
-        radius = np.stack(
-            [
-                _disc_radii(geometry, ground, 0.5 * (low + high), 0.5 * width)
-                for low, high in itertools.pairwise(levels)
-            ],
-            axis=1,
-        )
+        centres = 0.5 * (levels[1:] + levels[:-1])
+        radius = np.stack([_disc_radii(geometry, ground, level, 0.5 * width) for level in centres], axis=1)
         half = np.maximum(reach, radius)
         boxes = np.concatenate([middle - half, middle + half], axis=2)
         boxes[..., 2:] = np.maximum(np.rint(boxes[..., 2:]), np.rint(boxes[..., :2]) + 1.0)
@@ -254,7 +248,10 @@ def _at_height(geometry: CameraGeometry, ground: Floats, height: float) -> Float
 
 def _disc_radii(geometry: CameraGeometry, ground: Floats, height: float, radius: float) -> Floats:
     """Half-width and half-height (n, 2), pixels, of a level disc of ``radius`` metres at ``height`` over ``ground``."""
-    angles = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
-    rim = np.stack([_at_height(geometry, ground + radius * np.array([np.cos(a), np.sin(a)]), height) for a in angles])
-    spread: Floats = 0.5 * (rim.max(axis=0) - rim.min(axis=0))
-    return spread
+    sight = ground - geometry.position[:2]
+    sight /= np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), 1e-9)
+    centre = _at_height(geometry, ground, height)
+    # Two perpendicular radii of the disc become two conjugate half-diameters of an ellipse.
+    along = _at_height(geometry, ground + radius * sight, height) - centre
+    aside = _at_height(geometry, ground + radius * sight[:, ::-1] * np.array([-1.0, 1.0]), height) - centre
+    return np.hypot(along, aside)

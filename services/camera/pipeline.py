@@ -1,0 +1,86 @@
+"""From one picture to one message: detector and projection of one camera, built for the size its pictures have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from services.camera.detector import Detector, Image, check_detector
+from services.camera.projection import GroundDetections, Projection
+from shared.messages import DetectionFrame, pack_covariances
+from shared.site import Camera, CameraGeometry
+
+__all__ = ["Pipeline", "to_message"]
+
+STRETCH = 0.02
+"""How far, as a share, the picture's proportions may differ from the calibration's before positions are doubtful."""
+
+
+class Pipeline:
+    """Finds the people of one camera on the floor, picture by picture.
+
+    Args:
+        camera: as the site file says.
+        detector: a built-in detector or ``package.module:Class``.
+        options: the detector's.
+
+    Raises:
+        DetectorError: the detector or an option is not usable.
+        GeometryError: the calibration is not usable.
+    """
+
+    def __init__(self, camera: Camera, detector: str = "foreground", options: Mapping[str, Any] | None = None) -> None:
+        self._camera = camera
+        self._geometry: CameraGeometry = camera.geometry.build()
+        self._kind, self._options = check_detector(detector, options or {})
+        self._size: tuple[int, int] | None = None
+        self._detector: Detector | None = None
+        self._projection: Projection | None = None
+
+    @property
+    def state(self) -> Literal["learning", "ready"]:
+        """The detector's state; ``learning`` before the first picture."""
+        return "learning" if self._detector is None else self._detector.state
+
+    @property
+    def doubt(self) -> str:
+        """Why positions may be wrong, in plain words; empty when there is no reason."""
+        if self._size is None:
+            return ""
+        (width, height), (expected_width, expected_height) = self._size, self._geometry.image_size
+        if abs(width * expected_height / (height * expected_width) - 1.0) <= STRETCH:
+            return ""
+        return (
+            f"pictures are {width} x {height}, the calibration is for {expected_width} x {expected_height}: "
+            "the proportions differ, positions will be wrong"
+        )
+
+    def process(self, image: Image, t: float) -> GroundDetections:
+        """Return who stands where in ``image`` (height, width, 3), taken at ``t`` s; sizes may change on the way."""
+        size = (image.shape[1], image.shape[0])
+        if self._detector is None or self._projection is None or size != self._size:
+            self._size = size
+            self._projection = Projection(self._geometry, size, self._camera.area_of_interest)
+            self._detector = self._kind(self._projection.geometry, self._options)
+        return self._projection.to_floor(self._detector.detect(image, t))
+
+    def reset(self) -> None:
+        """Forget what was seen: the next picture does not follow the last one."""
+        if self._detector is not None:
+            self._detector.reset()
+
+
+def to_message(camera: str, floor: str, seq: int, t: float, found: GroundDetections) -> DetectionFrame:
+    """Return the detections as the bus carries them."""
+    boxes: list[tuple[float, float, float, float]] = [tuple(box) for box in found.boxes.tolist()]
+    return DetectionFrame(
+        t=t,
+        camera=camera,
+        floor=floor,
+        seq=seq,
+        x=found.positions[:, 0].tolist(),
+        y=found.positions[:, 1].tolist(),
+        covariance=pack_covariances(found.covariances),
+        confidence=found.confidence.tolist(),
+        box=boxes,
+    )

@@ -1,0 +1,155 @@
+"""The camera process: pictures in, detections on the floor out, and always a word on how the camera is doing."""
+
+from __future__ import annotations
+
+import time
+from typing import ClassVar
+
+import cv2
+import structlog
+from prometheus_client import Counter, Histogram
+
+from services.camera.detector import DetectorError, check_detector
+from services.camera.pipeline import Pipeline, to_message
+from services.camera.settings import CameraSettings
+from services.camera.sources import Frame, Source, SourceError, open_source
+from services.camera.status import StatusBoard
+from shared.bus import Bus
+from shared.messages import CameraStatus, DetectionFrame
+from shared.runner import Health, Service
+from shared.settings import SettingsError
+from shared.site import Site
+
+__all__ = ["CameraService"]
+
+FIRST_DELAY = 0.5
+LONGEST_DELAY = 30.0
+"""Seconds before a failed source is tried again: the first time, doubling up to the longest."""
+
+FRAMES = Counter("atrium_camera_frames_total", "Frames processed", ["camera"])
+OVERTAKEN = Counter("atrium_camera_overtaken_total", "Frames dropped for newer ones", ["camera"])
+DETECTIONS = Counter("atrium_camera_detections_total", "People detected, frame by frame", ["camera"])
+FAILURES = Counter("atrium_camera_source_failures_total", "Times the source failed", ["camera"])
+DETECT_SECONDS = Histogram(
+    "atrium_camera_detect_seconds",
+    "Time to find the people of one frame on the floor",
+    ["camera"],
+    buckets=(0.002, 0.005, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1, 0.2, 0.5),
+)
+
+log = structlog.get_logger(__name__)
+
+
+class CameraService(Service[CameraSettings]):
+    """Runs one camera of the site."""
+
+    name: ClassVar[str] = "camera"
+    Settings = CameraSettings
+
+    def __init__(self, settings: CameraSettings, site: Site, bus: Bus, health: Health) -> None:
+        super().__init__(settings, site, bus, health)
+        self._camera = site.camera(settings.camera)
+        self._floor = site.area(self._camera.area).floor
+        self._pipeline = Pipeline(self._camera, settings.detector, settings.detector_options)
+        self._source: Source = open_source(self._camera, settings.pace)
+        self._detections = bus.publisher(self.keys.detections(self._camera.id), DetectionFrame, newest=True)
+        publisher = bus.publisher(self.keys.camera_status(self._camera.id), CameraStatus, cached=True)
+        self._status = StatusBoard(publisher, self._camera.id)
+        self._seq = 0
+        self._overtaken = 0
+        self._delay = FIRST_DELAY
+
+    @classmethod
+    def check(cls, settings: CameraSettings, site: Site) -> None:
+        """Refuse a camera that is not in the site and a detector that cannot be used."""
+        known = [camera.id for camera in site.cameras]
+        if settings.camera not in known:
+            raise SettingsError(
+                f"camera: {settings.camera!r} is no camera of {settings.site_file}; "
+                f"allowed: {', '.join(known) or 'none'}; set it by --camera or ATRIUM_CAMERA"
+            )
+        try:
+            check_detector(settings.detector, settings.detector_options)
+        except DetectorError as error:
+            raise SettingsError(str(error)) from error
+
+    @property
+    def instance(self) -> str:
+        """The camera's id: there is one process per camera."""
+        return self.settings.instance or self.settings.camera
+
+    def run(self) -> None:
+        """Process frames; reopen a source that failed, later and later; stay when it has ended."""
+        cv2.setNumThreads(self.settings.opencv_threads)
+        self._status.refresh()
+        self.health.ready.set()
+        self._wait_for_listeners()
+        while not self.stopping.is_set():
+            first_frame = None
+            try:
+                for frame in self._source.frames(self.stopping):
+                    first_frame = first_frame or time.monotonic()
+                    self._take(frame)
+            except SourceError as error:
+                if first_frame is not None and time.monotonic() - first_frame > self._delay:
+                    self._delay = FIRST_DELAY  # it worked for a while: this is a new failure
+                self._fail(error)
+                continue
+            if not self.stopping.is_set():
+                log.info("the source has ended", source=str(self._camera.source), frames=self._seq)
+                self._rest("ended")
+
+    def _wait_for_listeners(self) -> None:
+        """Frames sent before the bus is reached are lost: a recording would miss its beginning."""
+        while not self.bus.connected and not self.stopping.wait(0.05):
+            pass
+        if self.settings.wait_for_subscriber:
+            log.info("waiting for a subscriber", key=self.keys.detections(self._camera.id))
+            while not self._detections.matched and not self.stopping.wait(0.05):
+                self._status.refresh()
+
+    def _take(self, frame: Frame) -> None:
+        camera = self._camera.id
+        if frame.seq == 0:
+            self._status.begin_pass(frame.pass_origin)
+        with DETECT_SECONDS.labels(camera).time():
+            found = self._pipeline.process(frame.image, frame.t)
+        message = to_message(camera, self._floor, self._seq, frame.t, found)
+        self._detections.publish(message, origin=frame.arrived)
+        self._seq += 1
+        FRAMES.labels(camera).inc()
+        DETECTIONS.labels(camera).inc(len(message.x))
+        OVERTAKEN.labels(camera).inc(self._source.overtaken - self._overtaken)
+        self._overtaken = self._source.overtaken
+        self._status.count(self._overtaken)
+        self._report()
+
+    def _report(self) -> None:
+        self.health.well("source")
+        doubt = self._pipeline.doubt
+        if doubt:
+            self.health.degraded("picture size", doubt)
+            self._status.change("degraded", doubt)
+        else:
+            self.health.well("picture size")
+            self._status.change("ok")
+        self._status.refresh()
+
+    def _fail(self, error: SourceError) -> None:
+        FAILURES.labels(self._camera.id).inc()
+        self.health.degraded("source", str(error))
+        if not error.retry:
+            self._rest("degraded", str(error))
+            return
+        self._status.change("degraded", str(error))
+        log.info("trying again", source=str(self._camera.source), in_seconds=self._delay)
+        again = time.monotonic() + self._delay
+        self._delay = min(2.0 * self._delay, LONGEST_DELAY)
+        while not self.stopping.wait(min(max(again - time.monotonic(), 0.0), 1.0)) and time.monotonic() < again:
+            self._status.refresh()
+
+    def _rest(self, state: str, reason: str = "") -> None:
+        """Stay alive and tell how things are until the process is stopped."""
+        self._status.change("ended" if state == "ended" else "degraded", reason)
+        while not self.stopping.wait(1.0):
+            self._status.refresh()

@@ -1,0 +1,28 @@
+"""What the camera service can be told."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from shared.settings import ServiceSettings
+
+__all__ = ["CameraSettings"]
+
+
+class CameraSettings(ServiceSettings):
+    """Settings of one camera process; everything about the camera itself stands in the site file."""
+
+    camera: str = Field(description="which camera of the site file this process runs")
+    pace: Literal["source", "fast"] = Field(
+        "source", description="recorded sources: at their own pace, or as fast as possible"
+    )
+    detector: str = Field("foreground", description="foreground, or package.module:Class of a detector of your own")
+    detector_options: dict[str, Any] = Field(
+        default_factory=dict, description='options of the detector as JSON, such as {"learning_rate": 0.02}'
+    )
+    wait_for_subscriber: bool = Field(
+        False, description="open the source only once somebody subscribes to the detections (for exact experiments)"
+    )
+    opencv_threads: int = Field(1, ge=0, le=64, description="threads for picture processing; 0: all cores")
