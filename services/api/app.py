@@ -113,7 +113,7 @@ def _reads(site: Site, site_json: bytes, live: LiveState, health: Callable[[floa
 
     @router.get("/positions", tags=["positions"], responses=documented(Positions))
     async def positions() -> Response:
-        """Where every located device is, or was last, while that is not too long ago (``age``)."""
+        """Where every located device is, or was last, while that is not too long ago (see age)."""
         return _json(live.positions_json(time.time()))
 
     @router.get("/positions/{device}", tags=["positions"], responses=documented(Position, 404))
@@ -177,9 +177,9 @@ def _stream(site: Site, live: LiveState, hub: Hub) -> APIRouter:
     ) -> StreamingResponse:
         """Server-sent events: the present state first, then every change.
 
-        ``tracks`` comes once per frame of an area, at most ten times a second; a slow reader gets the newest. An
-        ``alert`` needs a key with the scope alerts, a ``camera`` one with the scope site. Send ``Last-Event-ID`` to be
-        told the alerts after that one.
+        An event "tracks" comes once per frame of an area, at most ten times a second; a slow reader gets the newest.
+        An "alert" needs a key with the scope alerts, a "camera" one with the scope site. Send Last-Event-ID to be told
+        the alerts after that one.
         """
         if area is not None and area not in areas:
             raise unknown("area", area, areas)

@@ -56,7 +56,7 @@ def docs_page(document: dict[str, Any]) -> str:
     )
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(info["title"])} API</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style>'
+        f'<meta name="viewport" content="width=device-width"><link rel="icon" href="data:,"><style>{_STYLE}</style>'
         f"<h1>{escape(info['title'])} API</h1>"
         f"<p>{escape(info.get('description', ''))}</p>"
         '<p>For machines: <a href="/openapi.json">openapi.json</a>. '

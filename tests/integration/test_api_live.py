@@ -14,7 +14,7 @@ from waiting import wait_until
 
 from services.api.service import ApiService
 from services.api.settings import ApiSettings
-from services.api.stream import SKIPPED
+from services.api.stream import READERS, SKIPPED
 from shared.bus import Bus, router
 from shared.keys import Keys
 from shared.messages import Alert, CameraStatus, TrackFrame
@@ -328,3 +328,18 @@ def test_a_reader_that_stops_reading_costs_nothing_and_finds_the_newest(
         seen = b""
         while last not in seen:
             seen = seen[-40:] + client.recv(1 << 20)
+
+
+def test_streams_that_are_left_make_room_for_others(
+    site: Site, project: Path, zenoh_router: str, free_port: int
+) -> None:
+    with running(site, project, zenoh_router, free_port, stream_readers=2, stream_keep_alive=0.1) as address:
+        before = READERS._value.get()
+        for _ in range(3):
+            two = [Events(address), Events(address)]
+            wait_until(lambda two=two: all(each.comments for each in two), DEADLINE, "two open streams")
+            refused = httpx.get(f"{address}/v1/stream", headers=KEY)
+            assert (refused.status_code, refused.headers["Retry-After"]) == (503, "5")
+            for each in two:
+                each.close()
+            wait_until(lambda: READERS._value.get() == before, DEADLINE, "both readers to be forgotten")
