@@ -51,7 +51,8 @@ def demo(
     stopping = _stop_on_signals()
 
     def show(name: str, line: str) -> None:
-        if verbose or not any(mark in line for mark in QUIET):
+        # While stopping, each service notices that the others leave: nothing to worry anybody with.
+        if verbose or not (stopping.is_set() or any(mark in line for mark in QUIET)):
             console.print(f"[dim]{escape(name):<12}[/dim] {escape(line)}")
 
     running: Demo | None = None
