@@ -97,6 +97,11 @@ class Chunker:
         """The time of each camera's newest frame."""
         return {name: camera.last for name, camera in self._cameras.items()}
 
+    @property
+    def waiting(self) -> int:
+        """How many frames wait for their chunk to close."""
+        return len(self._frames)
+
     def resume_after(self, index: int) -> None:
         """Close no chunk up to ``index`` again: a tracker's state taken there is restored."""
         self._closed = max(self._closed, index)

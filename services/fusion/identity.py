@@ -48,6 +48,12 @@ class IdentitySettings:
     """Speed of a person out of view, m/s: how fast a stranger's readings lose their memory."""
     elsewhere_range: float = 5.0
     """Metres over which what a stranger hears stays alike."""
+    far_prior: float = -3.0
+    """Log-odds that a phone on no track is not carried about here but rests somewhere or is far away: all it hears may
+    be off by ``far_level`` dB, each access point by ``far_constant`` dB, and it moves but slowly."""
+    far_level: float = 15.0
+    far_constant: float = 6.0
+    far_speed: float = 0.1
     trust: float = 1.0
     """Share of the radio evidence that is believed …"""
     trust_motion: float = 1.0
@@ -106,7 +112,10 @@ class IdentityLayer:
         self.last_place = np.zeros((0, 0, 2))
         """Where each pair was at the device's scan before; NaN for none."""
         self.filters = PathFilters.new(0, 0, self._constant_variance, s.noise)
-        self.strangers = PathFilters.new(0, 1, self._constant_variance, s.noise)
+        self.strangers = PathFilters.new(0, 2, self._constant_variance, s.noise)
+        """Of each device: carried somewhere on this floor, or far away."""
+        self.far = np.zeros(0)
+        """Log-odds that a device that is on no track is far away."""
         self.given = np.zeros(0, np.int64)
         self.chains: list[list[int]] = []
         self.former: dict[int, list[int]] = {}
@@ -247,19 +256,28 @@ class IdentityLayer:
         return True
 
     def _stranger(self, row: int, heard: Integers, level: Array, elapsed: float) -> float:
-        """Log-likelihood of a scan if the device is carried somewhere, by somebody who is on no track."""
+        """Log-likelihood of a scan if the device is on no track: carried about on this floor, at rest or far away."""
         s = self.settings
-        kept = np.array([math.exp(-s.elsewhere_speed * elapsed / s.elsewhere_range)])
-        result = self.strangers.scan(
+        kept = np.exp(-elapsed * np.array([s.elsewhere_speed, s.far_speed]) / s.elsewhere_range)
+        near, far = self.strangers.scan(
             row,
-            np.zeros(1, np.int64),
+            np.arange(2),
             heard,
-            (level - self._elsewhere[heard])[None],
+            np.broadcast_to(level - self._elsewhere[heard], (2, len(heard))),
             kept,
-            self._elsewhere_variance[heard][None],
+            np.broadcast_to(self._elsewhere_variance[heard], (2, len(heard))),
             s.noise.white**2,
-        )
-        return float(result[0])
+        ).tolist()
+        before = float(self.far[row])
+        self.far[row] = min(max(before + far - near, -s.cap), s.cap)
+        return float(np.logaddexp(near, before + far) - np.logaddexp(0.0, before))
+
+    def _forget_stranger(self, row: int) -> None:
+        s = self.settings
+        self.strangers.reset(slice(row, row + 1), slice(None), self._constant_variance, s.noise)
+        self.strangers.cc[row, 1] += s.far_constant**2
+        self.strangers.offset_variance[row, 1] += s.far_level**2
+        self.far[row] = s.far_prior
 
     def _move_odds(
         self, row: int, known: Integers, places: Array, heard: Integers, level: Array, against: float
@@ -347,7 +365,7 @@ class IdentityLayer:
         self.odds[row] = s.prior
         self.last_place[row] = np.nan
         self.filters.reset(slice(row, row + 1), slice(None), self._constant_variance, s.noise)
-        self.strangers.reset(slice(row, row + 1), slice(None), self._constant_variance, s.noise)
+        self._forget_stranger(row)
         self.walk_filters.reset_device(row)
         self.given[row] = -1
         self.chains[row] = []
@@ -430,6 +448,7 @@ class IdentityLayer:
         self.chains += [[] for _ in range(more_devices)]
         self.device_seen = np.concatenate([self.device_seen, np.full(more_devices, -math.inf)])
         self.given = np.concatenate([self.given, np.full(more_devices, -1)])
+        self.far = np.concatenate([self.far, np.zeros(more_devices)])
         self.tracks = np.concatenate([self.tracks, np.zeros(more_tracks, np.int64)])
         self.lost_at = np.concatenate([self.lost_at, np.full(more_tracks, -math.inf)])
         self.place = np.concatenate([self.place, np.zeros((more_tracks, 2))])
@@ -439,7 +458,7 @@ class IdentityLayer:
             new[:devices, :tracks] = old
             setattr(self, name, new)
         self.filters.resize(d, k, self._constant_variance, s.noise)
-        self.strangers.resize(d, 1, self._constant_variance, s.noise)
+        self.strangers.resize(d, 2, self._constant_variance, s.noise)
         self.walk_filters.resize(d, k)
 
     def state(self) -> dict[str, Any]:

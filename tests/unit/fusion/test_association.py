@@ -1,0 +1,68 @@
+"""Marginals against full enumeration; assignments that do not flicker."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from services.fusion.association import assign, association_marginals
+
+
+def enumerated(log_odds: np.ndarray) -> np.ndarray:
+    """Sum over every way to put devices on tracks."""
+    devices, tracks = log_odds.shape
+    weight = np.zeros(log_odds.shape)
+    total = 0.0
+    for choice in itertools.product(range(-1, tracks), repeat=devices):
+        taken = [track for track in choice if track >= 0]
+        if len(taken) != len(set(taken)):
+            continue
+        value = math.exp(sum(log_odds[device, track] for device, track in enumerate(choice) if track >= 0))
+        total += value
+        for device, track in enumerate(choice):
+            if track >= 0:
+                weight[device, track] += value
+    return weight / total
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=st.integers(0, 2**32), devices=st.integers(1, 4), tracks=st.integers(1, 4), size=st.floats(0.1, 4.0))
+def test_marginals_are_close_to_enumeration(seed: int, devices: int, tracks: int, size: float) -> None:
+    log_odds = np.random.default_rng(seed).normal(0, size, (devices, tracks))
+    exact, found = enumerated(log_odds), association_marginals(log_odds)
+    assert np.abs(found - exact).max() < 0.16  # belief propagation is exact on trees only
+    assert (found.sum(axis=1) <= 1.0 + 1e-9).all()
+    assert (found.sum(axis=0) <= 1.0 + 1e-3).all()
+
+
+def test_extreme_odds_stay_finite() -> None:
+    found = association_marginals(np.array([[700.0, -700.0], [-700.0, 700.0], [0.0, 0.0]]))
+    assert np.isfinite(found).all()
+    assert found[0, 0] == pytest.approx(1.0)
+
+
+def test_two_phones_of_one_person_share_the_doubt() -> None:
+    found = association_marginals(np.array([[5.0], [5.0]]))
+    assert found[0, 0] == pytest.approx(found[1, 0])
+    assert found[0, 0] <= 0.5
+
+
+def test_a_device_needs_more_to_claim_than_to_keep() -> None:
+    probability = np.array([[0.3, 0.3]])
+    nothing, second = np.array([[False, False]]), np.array([[False, True]])
+    assert assign(probability, nothing, 0.4, 0.2).tolist() == [-1]
+    assert assign(probability, second, 0.4, 0.2).tolist() == [1]
+
+
+def test_no_track_is_given_twice() -> None:
+    probability = np.array([[0.5, 0.45], [0.48, 0.02]])
+    given_ = assign(probability, np.zeros((2, 2), np.bool_), 0.4, 0.2)
+    assert sorted(given_.tolist()) == [0, 1]
+
+
+def test_nothing_to_assign_is_fine() -> None:
+    assert assign(np.zeros((2, 0)), np.zeros((2, 0), np.bool_), 0.4, 0.2).tolist() == [-1, -1]
+    assert association_marginals(np.zeros((0, 3))).shape == (0, 3)
