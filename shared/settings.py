@@ -115,7 +115,7 @@ def read_settings(kind: type[S], arguments: Sequence[str] | None = None, program
 def data_folder() -> Path:
     """Return the folder of real recordings: ``ATRIUM_DATA``, by default ``../shared/data`` beside the project."""
     default = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
-    return Path(os.environ.get("ATRIUM_DATA") or default)
+    return Path(os.environ.get("ATRIUM_DATA") or default).resolve()
 
 
 def _read_file(path: Path, kind: type[BaseSettings]) -> dict[str, Any]:

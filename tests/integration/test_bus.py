@@ -1,5 +1,7 @@
 """The bus on a real router: what arrives, what is counted when it does not, and what outlives the router."""
 
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -201,10 +203,15 @@ def test_a_waiting_reader_can_be_woken_also_before_it_waits(join: Callable[[], B
     assert time.monotonic() - begin < 10.0
 
 
-def test_everything_works_again_after_the_router_died_and_came_back(free_port: int) -> None:
+def router_process(endpoint: str) -> "subprocess.Popen[bytes]":
+    program = f"import signal; from shared.bus import router; session = router({endpoint!r}); signal.pause()"
+    return subprocess.Popen([sys.executable, "-c", program])
+
+
+def test_everything_works_again_after_the_router_was_killed_and_came_back(free_port: int) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port}"
-    first = router(endpoint)
-    with Bus([endpoint], wait=5.0) as sender, Bus([endpoint], wait=5.0) as reader:
+    first = router_process(endpoint)
+    with Bus([endpoint], wait=20.0) as sender, Bus([endpoint], wait=20.0) as reader:
         inbox = reader.inbox()
         inbox.subscribe(KEYS.radio(), RadioScan)
         publisher = sender.publisher(KEYS.radio("d"), RadioScan)
@@ -212,7 +219,8 @@ def test_everything_works_again_after_the_router_died_and_came_back(free_port: i
         state = sender.publisher(KEYS.camera_status("c"), CameraStatus, cached=True)
         state.publish(CameraStatus(t=5.0, camera="c", state="ok"))
         published_until_heard(lambda n: publisher.publish(scan(n)), inbox)
-        close(first)
+        first.kill()  # no farewell
+        first.wait()
         wait_until(lambda: not sender.connected and not reader.connected, 5.0, "both to notice")
         publisher.publish(scan(50_000))  # into the void: neither an error nor a hang
         second = router(endpoint)

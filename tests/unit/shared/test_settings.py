@@ -162,3 +162,6 @@ def test_other_services_variables_do_not_disturb(monkeypatch: pytest.MonkeyPatch
 def test_the_data_folder_is_where_the_environment_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("ATRIUM_DATA", str(tmp_path))
     assert data_folder() == tmp_path
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ATRIUM_DATA", "recordings")  # handed on to processes that run elsewhere
+    assert data_folder() == tmp_path / "recordings"
