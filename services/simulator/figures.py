@@ -164,7 +164,7 @@ def draw_shadow(picture: Image, camera: CameraGeometry, position: Array) -> None
     angle = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
     circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(16)])
     pool = np.array([position[0] + 0.12, position[1] + 0.10, 0.0]) + circle * [0.40, 0.32, 0.0]
-    patch = np.array([position[0] + 0.02, position[1] + 0.02, 0.0]) + circle * [0.22, 0.20, 0.0]
+    patch = np.array([position[0] + 0.02, position[1] + 0.02, 0.0]) + circle * [0.17, 0.13, 0.0]
     pixels = camera.to_image(np.vstack([pool, patch]))
     if not np.isfinite(pixels).all():
         return

@@ -226,7 +226,8 @@ class Phones:
         growing = min(_LONGEST_PAUSE, 0.5 * 2.0 ** min(line.failures, 10)) * float(self._rng.uniform(0.7, 1.0))
         line.failures += 1
         line.not_before = time.monotonic() + (float(asked) if asked.isdigit() else growing)
-        self._report(reason)
+        if line.failures > 1:  # once is nothing: at start the gateway may be a second behind
+            self._report(reason)
 
     def _clock(self, line: _Line) -> float:
         return float(line.phone.clock.read(np.array([time.time()]))[0])

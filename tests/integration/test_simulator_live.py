@@ -81,9 +81,9 @@ def test_visitors_are_seen_heard_and_known_to_the_truth(zenoh_router: str, tmp_p
                 carried = {d for m in messages if isinstance(m, GroundTruth) for d in m.device if d}
                 scanning = {m.device for m in messages if isinstance(m, RadioScan)}
                 walking = {m.device for m in messages if isinstance(m, MotionBatch) and m.step_t}
-                return len(carried & scanning & walking) >= 3
+                return len(carried & scanning & walking) >= 2
 
-            wait_until(enough, 45, "three visitors with phones that scan and step")
+            wait_until(enough, 45, "two visitors with phones that scan and step")
             scans = [m for m in messages if isinstance(m, RadioScan)]
             assert {name for scan in scans for name in scan.access_point} <= known
             # Clocks that are a day wrong have been aligned: scans carry the true time.
