@@ -160,6 +160,9 @@ class Chunker:
             reason = "time went backwards"
         elif frame.t < known - s.oldest_frame and self._index(frame.t) <= self._closed:
             reason = "frame too late"
+            if camera is not None or self._cameras:
+                # Its own time goes on as ever, only behind the others': no clock was set.
+                return reason
         else:
             return None
         return None if self._clock_was_set(frame) else reason

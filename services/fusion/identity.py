@@ -522,6 +522,7 @@ _ARRAYS = (
     "probability",
     "last_place",
     "given",
+    "far",
 )
 _FILTERS = tuple(PathFilters.__dataclass_fields__)
 _WALK_FILTERS = tuple(WalkFilters.__dataclass_fields__)

@@ -71,6 +71,16 @@ def test_a_late_frame_goes_into_the_next_chunk_and_a_very_late_one_is_counted() 
     assert chunker.dropped == {"frame too late": 1}
 
 
+def test_a_camera_whose_frames_all_come_in_a_burst_after_the_others_sets_nobodys_clock() -> None:
+    chunker = Chunker()
+    feed(chunker, [100.0], "east")
+    closed = feed(chunker, [100.0 + n / 10 for n in range(80)], "west")
+    closed += feed(chunker, [100.1 + n / 10 for n in range(79)], "east", 1)
+    indices = [one.chunk.index for one in closed]
+    assert indices == sorted(set(indices))
+    assert chunker.dropped["frame too late"] > 60
+
+
 def test_twice_and_backwards_are_counted_by_reason() -> None:
     chunker = Chunker()
     feed(chunker, [100.0, 100.1, 100.1, 100.05, float("nan")])

@@ -1,0 +1,287 @@
+"""Fusion as a real process on a real router: what it publishes, in which order, and what it survives."""
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from http.client import HTTPConnection
+from pathlib import Path
+
+import pytest
+from conftest import unused_port
+from fusion_world import SITE, frame
+from waiting import wait_until
+
+from services.fusion.replay import replay_tracks
+from shared.bus import Bus, Delivery, Trace, router
+from shared.keys import Keys
+from shared.messages import ChunkMark, DetectionFrame, Message, MotionBatch, RadioScan, TrackFrame, encode
+from shared.site import load_site
+
+KEYS = Keys("test-hall")
+DEADLINE = 20.0
+Start = Callable[..., tuple["subprocess.Popen[str]", int]]
+
+
+@pytest.fixture
+def site_file(tmp_path: Path) -> Path:
+    path = tmp_path / "site.yaml"
+    path.write_text(SITE)
+    return path
+
+
+@pytest.fixture
+def start(project: Path, site_file: Path) -> Iterator[Start]:
+    processes = []
+
+    def launch(endpoint: str, *flags: str, wait: bool = True) -> tuple["subprocess.Popen[str]", int]:
+        port = unused_port()
+        command = [
+            sys.executable,
+            "-m",
+            "services.fusion",
+            "--site-file",
+            str(site_file),
+            "--bus",
+            json.dumps([endpoint]),
+        ]
+        environment = {k: v for k, v in os.environ.items() if not k.startswith("ATRIUM_")}
+        process = subprocess.Popen(
+            [*command, "--health-port", str(port), *flags],
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=project,
+            env=environment,
+        )
+        processes.append(process)
+        if wait:
+            wait_until(
+                lambda: get(port, "/readyz")[0] == 200 or process.poll() is not None, DEADLINE, "fusion to be ready"
+            )
+        return process, port
+
+    yield launch
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def get(port: int, path: str) -> tuple[int, str]:
+    connection = HTTPConnection("127.0.0.1", port, timeout=3)
+    try:
+        connection.request("GET", path)
+        reply = connection.getresponse()
+        return reply.status, reply.read().decode()
+    except OSError:
+        return 0, ""
+    finally:
+        connection.close()
+
+
+def metric(port: int, name: str) -> float:
+    """Sum of all samples of one metric."""
+    lines = [line for line in get(port, "/metrics")[1].splitlines() if line.startswith(name)]
+    return sum(float(line.rsplit(" ", 1)[1]) for line in lines)
+
+
+class Stage:
+    """A camera and a phone that tell of one person walking, and an ear for what fusion makes of it."""
+
+    def __init__(self, bus: Bus) -> None:
+        self.bus = bus
+        self.inbox = bus.inbox()
+        self.inbox.subscribe(KEYS.chunks("hall"), ChunkMark)
+        self.inbox.subscribe(KEYS.tracks("hall"), TrackFrame)
+        self.sent: dict[str, Message] = {}
+        self.heard: list[Delivery[Message]] = []
+        self._west = bus.publisher(KEYS.detections("west"), DetectionFrame)
+        self._east = bus.publisher(KEYS.detections("east"), DetectionFrame)
+        self._radio = bus.publisher(KEYS.radio("phone"), RadioScan)
+        self._motion = bus.publisher(KEYS.motion("phone"), MotionBatch)
+        self._number = itertools.count()
+        self.t0 = time.time()
+
+    def play(self, frames: int) -> None:
+        """Send frames of both cameras, two seconds of phone with every fifteenth."""
+        for _ in range(frames):
+            number = next(self._number)
+            t = self.t0 + number / 10
+            place = [(6.0 + 0.05 * (number % 200), 7.0)]
+            if number % 10 == 5:
+                scan = RadioScan(t=t, device="phone", seq=number, access_point=["ap-1", "ap-2"], rssi=[-60.0, -62.0])
+                self._note(self._radio.publish(scan), scan)
+                batch = MotionBatch(t=t, t_start=t - 1.0, device="phone", seq=number, activity="still")
+                self._note(self._motion.publish(batch), batch)
+            for name, publisher in (("west", self._west), ("east", self._east)):
+                seen = frame(t, place, name, number)
+                self._note(publisher.publish(seen, origin=time.time() - 0.05), seen)
+
+    def _note(self, trace: Trace, message: Message) -> None:
+        self.sent[trace.id] = message
+
+    def listen(self) -> list[Delivery[Message]]:
+        self.heard += self.inbox.receive(timeout=0.05)
+        return self.heard
+
+    def tracks(self) -> list[TrackFrame]:
+        return [d.message for d in self.listen() if isinstance(d.message, TrackFrame)]
+
+    def until_tracked(self, beyond: int = 0) -> TrackFrame:
+        """Play on until a frame with a person comes that is newer than the first ``beyond`` frames heard."""
+
+        def tracked() -> TrackFrame | None:
+            self.play(1)
+            frames = self.tracks()[beyond:]
+            return frames[-1] if frames and frames[-1].track else None
+
+        found = wait_until(tracked, DEADLINE, "a tracked person")
+        assert found is not None
+        return found
+
+
+def test_marks_come_before_tracks_name_what_was_consumed_and_replay_to_the_byte(
+    zenoh_router: str, start: Start, site_file: Path
+) -> None:
+    _, port = start(zenoh_router, "--area", "hall")
+    with Bus([zenoh_router]) as bus:
+        stage = Stage(bus)
+        stage.until_tracked()
+        stage.play(80)
+        wait_until(lambda: len(stage.tracks()) >= 75, DEADLINE, "75 track frames")
+        heard = stage.listen()
+        # Two keys may overtake each other on the bus; the trace numbers tell the order of publishing.
+        told = [d.message.chunk for d in heard if isinstance(d.message, TrackFrame)]
+        assert len(told) == len(set(told)) >= 75
+        published = {
+            (type(d.message), d.message.chunk): int(d.trace.id.rsplit("-", 1)[1])
+            for d in heard
+            if isinstance(d.message, ChunkMark | TrackFrame)
+        }
+        for chunk in told[1:-1]:  # the first mark may have come before this listener was known, the last one later
+            assert published[ChunkMark, chunk] < published[TrackFrame, chunk]
+        marks = [d.message for d in heard if isinstance(d.message, ChunkMark)]
+        inputs = [(mark, [stage.sent[name] for name in mark.consumed]) for mark in marks]
+        if marks[0].chunk == told[0]:
+            replayed = {tracks.chunk: encode(tracks) for tracks in replay_tracks(inputs, load_site(site_file), "hall")}
+            assert all(
+                replayed[d.message.chunk] == encode(d.message) for d in heard if isinstance(d.message, TrackFrame)
+            )
+        # The origin of the newest picture travels on, and latency is measured against it.
+        newest = [d for d in heard if isinstance(d.message, TrackFrame)][-1]
+        assert newest.trace.sent - newest.trace.origin >= 0.05
+        assert metric(port, "atrium_detection_to_track_seconds_count") >= 75
+        assert metric(port, "atrium_capture_to_track_seconds_sum") > metric(
+            port, "atrium_detection_to_track_seconds_sum"
+        )
+
+
+def test_a_recorder_that_joins_in_mid_run_gets_the_state_of_a_chunk_boundary(
+    zenoh_router: str, start: Start, site_file: Path
+) -> None:
+    start(zenoh_router, "--area", "hall")
+    with Bus([zenoh_router]) as bus:
+        stage = Stage(bus)
+        assert json.loads(dict(bus.ask(KEYS.fusion_state("hall")))[KEYS.fusion_state("hall")])["chunk"] == -1
+        stage.until_tracked()
+        ((_, state),) = bus.ask(KEYS.fusion_state("hall"))
+        stage.play(30)
+        wait_until(lambda: len(stage.tracks()) >= 30, DEADLINE, "30 track frames")
+        heard = stage.listen()
+        inputs = [
+            (d.message, [stage.sent[name] for name in d.message.consumed])
+            for d in heard
+            if isinstance(d.message, ChunkMark)
+        ]
+        live = {tracks.chunk: encode(tracks) for tracks in stage.tracks()}
+        replayed = list(replay_tracks(inputs, load_site(site_file), "hall", state))
+        assert replayed
+        assert replayed[0].chunk > json.loads(state)["chunk"] > 0
+        for tracks in replayed:
+            assert live.get(tracks.chunk, encode(tracks)) == encode(tracks)
+
+
+def test_ids_survive_a_restart(zenoh_router: str, start: Start, tmp_path: Path) -> None:
+    flags = ("--area", "hall", "--state-folder", str(tmp_path / "state"))
+    process, _ = start(zenoh_router, *flags)
+    with Bus([zenoh_router]) as bus:
+        stage = Stage(bus)
+        before = stage.until_tracked()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=5) == 0
+        start(zenoh_router, *flags)
+        after = stage.until_tracked(beyond=len(stage.tracks()))
+        assert after.track == before.track
+
+
+def test_a_damaged_state_file_is_left_aside(zenoh_router: str, start: Start, tmp_path: Path) -> None:
+    (tmp_path / "fusion-hall.json").write_text('{"chunk": 5, "tracker": "two-layer", "state": {}}')
+    process, _ = start(zenoh_router, "--area", "hall", "--state-folder", str(tmp_path))
+    with Bus([zenoh_router]) as bus:
+        Stage(bus).until_tracked()
+    assert process.poll() is None
+
+
+def test_a_router_that_dies_and_comes_back_costs_a_gap_and_nothing_else(start: Start) -> None:
+    endpoint = f"tcp/127.0.0.1:{unused_port()}"
+    session = router(endpoint)
+    process, port = start(endpoint, "--area", "hall")
+    with Bus([endpoint]) as bus:
+        stage = Stage(bus)
+        before = stage.until_tracked()
+        session.close()
+        wait_until(lambda: get(port, "/readyz")[0] == 503, DEADLINE, "fusion to notice")
+        session = router(endpoint)
+        wait_until(lambda: get(port, "/readyz")[0] == 200 and bus.connected, DEADLINE, "the reconnection")
+        after = stage.until_tracked(beyond=len(stage.tracks()))
+        assert process.poll() is None
+        assert after.track == before.track
+        session.close()
+
+
+def test_a_silent_camera_is_told_in_plain_words_and_well_again_when_it_speaks(zenoh_router: str, start: Start) -> None:
+    _, port = start(zenoh_router, "--area", "hall", "--silent-after", "0.5")
+    with Bus([zenoh_router]) as bus:
+        stage = Stage(bus)
+        wait_until(lambda: "no frames from camera west for" in get(port, "/readyz")[1], DEADLINE, "the complaint")
+
+        def recovered() -> bool:
+            stage.play(1)
+            return "no frames" not in get(port, "/readyz")[1]
+
+        wait_until(recovered, DEADLINE, "the recovery")
+
+
+def test_what_is_dropped_is_counted_by_reason(zenoh_router: str, start: Start) -> None:
+    _, port = start(zenoh_router, "--area", "hall")
+    with Bus([zenoh_router]) as bus:
+        stage = Stage(bus)
+        stage.until_tracked()
+        west = bus.publisher(KEYS.detections("west"), DetectionFrame)
+
+        def counted() -> bool:
+            west.publish(frame(stage.t0 - 3600.0))
+            text = get(port, "/metrics")[1]
+            return 'atrium_fusion_dropped_total{reason="time went backwards"}' in text
+
+        wait_until(counted, DEADLINE, "the count")
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (("--area", "cellar"), "allowed: hall, gallery"),
+        ((), "the site has several areas"),
+        (("--area", "hall", "--tracker", "magic"), "allowed: anonymous, two-layer"),
+    ],
+)
+def test_a_wrong_setting_is_one_clear_message(start: Start, flags: tuple[str, ...], words: str) -> None:
+    process, _ = start("tcp/127.0.0.1:1", *flags, wait=False)
+    _, error = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 2
+    assert words in error
+    assert "Traceback" not in error

@@ -1,0 +1,64 @@
+"""Replaying recorded chunks gives the bytes that were published."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+from fusion_world import World, make_site
+
+from services.fusion.area_view import AreaView
+from services.fusion.registry import make_tracker
+from services.fusion.replay import StateAnswer, chunk_of, replay_tracks
+from services.fusion.tracker import Chunk, TrackerStateError
+from shared.messages import ChunkMark, Message, encode
+from shared.site import Site
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
+    folder: Path = tmp_path_factory.mktemp("site")
+    return make_site(folder)
+
+
+def recorded(chunks: list[Chunk], area: str = "hall") -> list[tuple[ChunkMark, tuple[Message, ...]]]:
+    return [
+        (
+            ChunkMark(t=one.t_end, area=area, chunk=one.index, t_start=one.t_start),
+            (*one.frames, *one.scans, *one.motions),
+        )
+        for one in chunks
+    ]
+
+
+def test_a_recorded_chunk_is_the_chunk_that_was_consumed(site: Site) -> None:
+    chunks = World(site, seconds=5.0).chunks()
+    assert [chunk_of(mark, inputs) for mark, inputs in recorded(chunks)] == chunks
+
+
+def test_from_the_start_and_from_the_middle_the_bytes_are_the_same(site: Site) -> None:
+    chunks = World(site, seed=3, seconds=12.0).chunks()
+    tracker = make_tracker("two-layer", AreaView.of(site, "hall"))
+    live, state = [], b""
+    for number, one in enumerate(chunks):
+        live.append(encode(tracker.step(one)))
+        if number == 30:
+            state = msgspec.json.encode(
+                StateAnswer(chunk=one.index, tracker="two-layer", state=msgspec.Raw(tracker.state()))
+            )
+    others = recorded(chunks, area="gallery")
+    everything = [entry for pair in zip(recorded(chunks), others, strict=True) for entry in pair]
+    assert [encode(frame) for frame in replay_tracks(everything, site, "hall")] == live
+    assert [encode(frame) for frame in replay_tracks(everything, site, "hall", state)] == live[31:]
+
+
+def test_a_state_before_the_first_chunk_is_no_state_but_names_the_tracker(site: Site) -> None:
+    chunks = World(site, seconds=2.0).chunks()
+    state = msgspec.json.encode(StateAnswer(chunk=-1, tracker="anonymous", state={}))
+    frames = list(replay_tracks(recorded(chunks), site, "hall", state))
+    assert {frame.tracker for frame in frames} == {"anonymous"}
+
+
+def test_a_state_that_does_not_fit_is_an_error_in_words(site: Site) -> None:
+    state = msgspec.json.encode(StateAnswer(chunk=5, tracker="two-layer", state={"tracker": "two-layer"}))
+    with pytest.raises(TrackerStateError, match="two-layer"):
+        list(replay_tracks([], site, "hall", state))
