@@ -165,6 +165,8 @@ class Chunker:
                 return reason
         else:
             return None
+        if abs(frame.t - known) <= s.ahead:
+            return reason  # it will have caught up soon
         return None if self._clock_was_set(frame) else reason
 
     def _clock_was_set(self, frame: DetectionFrame) -> bool:

@@ -10,11 +10,15 @@ import numpy as np
 
 from services.fusion.anonymous import AnonymousLayer, AnonymousSettings
 from services.fusion.area_view import AreaView
-from services.fusion.identity import IdentityLayer, IdentitySettings
+from services.fusion.identity import IdentityLayer
+from services.fusion.identity_settings import IdentitySettings
 from services.fusion.tracker import Chunk, TrackerStateError
 from shared.messages import TrackFrame, pack_covariances
 
 __all__ = ["AnonymousTracker", "TwoLayerTracker"]
+
+LEAST_RIVAL = 0.01
+"""Probability below which a runner-up is not worth telling."""
 
 
 class AnonymousTracker:
@@ -124,24 +128,28 @@ class TwoLayerTracker(AnonymousTracker):
         layer = self.identity
         if not columns["track"] or not any(device is not None for device in layer.devices):
             return
-        places = layer.columns(np.array(columns["track"])).tolist()
-        owners = {column: row for row, column in enumerate(layer.given.tolist()) if column >= 0}
-        for index, (track, column) in enumerate(zip(columns["track"], places, strict=True)):
-            chances = layer.probability[:, column]
-            owner = owners.get(column)
-            nobody = min(max(1.0 - float(chances.sum()), 0.0), 1.0)
-            columns["probability"][index] = nobody if owner is None else min(float(chances[owner]), 1.0)
-            columns["former"][index] = layer.former.get(track, [])
-            if owner is not None:
-                columns["device"][index] = layer.devices[owner]
-                if layer.devices[owner] in self._heard:
-                    columns["sources"][index].append(layer.devices[owner])
-                chances = chances.copy()
-                chances[owner] = -1.0
-            rival = int(np.argmax(chances))
-            if chances[rival] > 0.01 and layer.devices[rival] is not None:
+        places = layer.columns(np.array(columns["track"]))
+        chances = layer.probability[:, places]
+        owner = np.full(len(layer.tracks), -1)
+        owner[layer.given[layer.given >= 0]] = np.flatnonzero(layer.given >= 0)
+        owners = owner[places]
+        owned = np.flatnonzero(owners >= 0)
+        sure = np.maximum(1.0 - chances.sum(axis=0), 0.0)
+        sure[owned] = chances[owners[owned], owned]
+        columns["probability"] = np.minimum(sure, 1.0).tolist()
+        rivals = chances.copy()
+        rivals[owners[owned], owned] = -1.0
+        best = rivals.argmax(axis=0)
+        rated = np.minimum(rivals[best, np.arange(len(places))], 1.0).tolist()
+        for index, (row, rival) in enumerate(zip(owners.tolist(), best.tolist(), strict=True)):
+            columns["former"][index] = layer.former.get(columns["track"][index], [])
+            if row >= 0:
+                columns["device"][index] = layer.devices[row]
+                if layer.devices[row] in self._heard:
+                    columns["sources"][index].append(layer.devices[row])
+            if rated[index] > LEAST_RIVAL and layer.devices[rival] is not None:
                 columns["runner_up"][index] = layer.devices[rival]
-                columns["runner_up_probability"][index] = min(float(chances[rival]), 1.0)
+                columns["runner_up_probability"][index] = rated[index]
 
     def _state(self) -> dict[str, Any]:
         return {**super()._state(), "identity": self.identity.state()}
