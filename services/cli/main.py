@@ -34,6 +34,8 @@ console = Console(highlight=False)
 SiteOption = Annotated[str, typer.Option("--site", help="a shipped site's name, a site file, or its folder")]
 BusOption = Annotated[str, typer.Option("--bus", help="endpoint of the Zenoh router")]
 SERVICES = ("api", "camera", "dashboard", "fusion", "gateway", "geofence", "simulator")
+ROUTER_WITHIN = 10.0
+"""Seconds a command waits for the router it is told to use."""
 QUIET = ("[info", "[debug")
 
 
@@ -116,7 +118,7 @@ def record(
         _after(seconds, stopping.set)
     try:
         site_file = find_site(site)
-        with Bus([bus]) as session, console.status("recording …") as line:
+        with Bus([bus], wait=ROUTER_WITHIN) as session, console.status("recording …") as line:
 
             def progress(counts: dict[str, int]) -> None:
                 shown = ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "nothing yet"
@@ -143,7 +145,7 @@ def replay(
     try:
         opened = Recording(recording)
         if bus is not None:
-            with Bus([bus]) as session:
+            with Bus([bus], wait=ROUTER_WITHIN) as session:
                 sent = player.play(opened, session, pace, _stop_on_signals())
             console.print(f"{sent} messages sent to {bus}")
             return
