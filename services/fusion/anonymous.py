@@ -40,7 +40,7 @@ class AnonymousSettings:
     gate: float = 3.0
     """Standard deviations, and ``gate_distance`` metres: farther detections never belong to a track."""
     gate_distance: float = 2.0
-    tentative_penalty: float = 4.0
+    tentative_penalty: float = 6.0
     """Added to an unconfirmed track's cost: at equal distance the established track gets the detection."""
     birth_confidence: float = 0.3
     birth_exclusion: float = 0.8

@@ -236,13 +236,18 @@ class IdentityLayer(Hypotheses):
         dy = places[:, 1, None] - places[None, :, 1]
         flow = elapsed * s.swap_rate * np.exp(-(dx * dx + dy * dy) / s.swap_range**2)
         np.fill_diagonal(flow, 0.0)
-        if flow.max() < 1e-4:
+        source, target = np.nonzero(flow > 1e-4)
+        if not len(source):
             return
+        flowing = flow[source, target]
         pairs = np.ix_(rows, alive)
         odds = self.odds[pairs]
         best = odds.max(axis=1, keepdims=True)
         weight = np.exp(odds - best)
-        mixed = weight * (1.0 - np.minimum(flow.sum(axis=0), 0.5)) + (weight[:, :, None] * flow[None]).sum(axis=1)
+        leaving = np.zeros(len(alive))
+        np.add.at(leaving, source, flowing)
+        mixed = weight * (1.0 - np.minimum(leaving, 0.5))
+        np.add.at(mixed.T, target, (weight[:, source] * flowing).T)
         self.odds[pairs] = np.maximum(np.log(np.maximum(mixed, 1e-300)) + best, -s.cap)
 
     def _give(self, row: int, column: int) -> None:
