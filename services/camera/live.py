@@ -6,15 +6,10 @@ older and older. What the reader has not fetched when the next picture arrives i
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Iterator
 from typing import ClassVar, cast
-
-# FFmpeg prints addresses with their passwords when they do not answer; what matters is said by SourceError.
-os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 
 import cv2
 
