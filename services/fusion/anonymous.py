@@ -142,8 +142,8 @@ class AnonymousLayer:
         if number is None or frame.floor != self.view.floor or not math.isfinite(frame.t):
             self.ignored += 1
             return
-        if frame.t < self.t - self.settings.forget:
-            # The clock was set back: what was known belongs to another time.
+        if abs(frame.t - self.t) > self.settings.forget and math.isfinite(self.t):
+            # A long silence or a clock set back: who stands there now is not known to be who stood there then.
             self.tracks.keep(np.zeros(len(self.tracks.ids), np.bool_))
             self._last_frame.clear()
             self.t = frame.t

@@ -31,8 +31,7 @@ class PathFilters:
     Attributes:
         constant, shadow: (d, k, m), estimates for a device without offset, dB.
         cc, cs, ss: (d, k, m), their covariance, dB².
-        response: (d, k, m), by how much a unit of device offset lowers ``constant + shadow``.
-        response_shadow: (d, k, m), by how much it lowers ``shadow`` alone.
+        response_constant, response_shadow: (d, k, m), by how much a dB of device offset lowers the two estimates.
         offset, offset_variance: (d, k), the device's offset, dB and dB².
     """
 

@@ -108,3 +108,11 @@ def test_quality_tells_how_much_of_a_track_was_really_seen(layer: AnonymousLayer
     order = layer.tracks.mean[:, 0].argsort()
     good, poor = layer.tracks.quality[order][[0, -1]]
     assert good > 0.9 > 0.8 > poor
+
+
+def test_after_a_long_silence_nobody_is_taken_for_who_stood_there_before(layer: AnonymousLayer) -> None:
+    for number in range(30):
+        layer.observe(frame(100.0 + number / 10, [(12.0, 7.0)]))
+    for number in range(30):
+        layer.observe(frame(3700.0 + number / 10, [(12.0, 7.0)]))
+    assert confirmed(layer) == [2]
