@@ -142,7 +142,7 @@ class FolderSource(_Recorded):
         for file in sorted(files, key=_by_number):
             image = cv2.imread(str(file), cv2.IMREAD_COLOR)
             if image is None:
-                # Its place in time stays empty rather than shifting all later pictures: show the gap as a failure.
+                # To leave it out would shift the time of all later pictures.
                 raise SourceError(f"the picture {file} cannot be read: it is damaged", retry=False)
             readable += 1
             yield self._frames_per_s or 1.0, cast(Image, image)

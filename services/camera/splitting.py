@@ -39,6 +39,8 @@ TALLER = 0.2
 """How far, as a share, people may be taller or shorter than expected."""
 BENEATH = 0.2
 """Share of the height that is looked at under the feet: foreground there is somebody nearer, who must go first."""
+TIE_BREAK = 0.05
+"""Weight of foreground beside a patch: in a wide blob all patches are full, and people stand at its edges first."""
 CLEARED = 1.2
 """How much wider than a person is what their taking clears: arms and the smear of the mask belong to them."""
 
@@ -60,6 +62,7 @@ class PersonTemplates:
         hulls: (n, 4) the same of the whole patch.
         whole: (n, 4) flat indices of the hull.
         beneath: (n, 4) flat indices of what lies under the feet, as far as it sticks out of the hull.
+        around: (n, 4) flat indices of the hull and half its width on either side.
         density: least share of the patch that counts as filled background noise.
     """
 
@@ -72,6 +75,7 @@ class PersonTemplates:
     hulls: Floats
     whole: Ints
     beneath: Ints
+    around: Ints
     density: float
 
     @classmethod
@@ -109,6 +113,9 @@ class PersonTemplates:
         with np.errstate(invalid="ignore", divide="ignore"):
             good = np.isfinite(full) & (area > 0.0) & (area >= VISIBLE * full) & (extent >= SMALLEST)
         clipped = np.clip(hulls, 0.0, limit)
+        wider = np.rint(0.5 * (hulls[:, 2] - hulls[:, 0]))
+        zero = np.zeros_like(wider)
+        around = np.clip(hulls + np.stack([-wider, zero, wider, zero], axis=1), 0.0, limit)
         return cls(
             shape=(rows, columns),
             feet=feet[good],
@@ -119,6 +126,7 @@ class PersonTemplates:
             hulls=hulls[good],
             whole=_flat(clipped[good, None].astype(np.int64), columns),
             beneath=_flat(under[good, None].astype(np.int64), columns),
+            around=_flat(around[good, None].astype(np.int64), columns),
             density=density,
         )
 
@@ -148,7 +156,8 @@ class PersonTemplates:
             if not candidates.size:
                 break
             beneath = _sums(integral, self.beneath[candidates])
-            score = (filled - self.density * area - beneath) / np.sqrt(area)
+            beside = _sums(integral, self.around[candidates]) - _sums(integral, self.whole[candidates])
+            score = (filled - self.density * area - beneath - TIE_BREAK * beside) / np.sqrt(area)
             best = self._apart(candidates, score)
             people = candidates[best].tolist()
             taken += people

@@ -12,7 +12,7 @@ from services.camera.detector import Detections, Detector, DetectorError, check_
 from services.camera.foreground import ForegroundDetector, ForegroundOptions
 from shared.site import CameraGeometry
 
-SIZE = (640, 480)
+SIZE = (480, 360)
 GEOMETRY = CameraGeometry.from_pose(SIZE, (0.0, 0.0, 5.0), (0.0, 12.0, 0.0), math.radians(60))
 RATE = 10.0
 Image = NDArray[np.uint8]
@@ -27,7 +27,7 @@ def make(request: pytest.FixtureRequest) -> Callable[[], Detector]:
 def background(seed: int = 0) -> Image:
     rng = np.random.default_rng(seed)
     coarse = rng.integers(40, 130, (24, 32, 3), dtype=np.uint8)
-    picture = cv2.resize(coarse, SIZE, interpolation=cv2.INTER_CUBIC).astype(int) + rng.integers(-12, 12, (480, 640, 1))
+    picture = cv2.resize(coarse, SIZE, interpolation=cv2.INTER_CUBIC).astype(int) + rng.integers(-12, 12, (360, 480, 1))
     return np.clip(picture, 20, 160).astype(np.uint8)
 
 
@@ -163,7 +163,7 @@ def test_the_frame_rate_does_not_decide_when_people_who_stand_are_forgotten(rate
 
 
 def test_a_wider_picture_gives_the_same_places() -> None:
-    large = (1920, 1440)
+    large = (1440, 1080)
     detector = ForegroundDetector(GEOMETRY.scaled_to(*large))
     film = [picture(n) for n in range(20)] + walk(5, (-1.0, 9.0), first=20)
     for n, image in enumerate(film):
