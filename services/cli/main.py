@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -178,6 +179,7 @@ def bench(
             f"{escape(name)}: no such experiment; there are: {', '.join(experiments) or 'none (no checkout)'}"
         )
         raise typer.Exit(0 if name == "list" else 2)
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(root), os.environ.get("PYTHONPATH")]))
     raise typer.Exit(_python("-m", f"benchmarks.{name.replace('-', '_')}", *context.args))
 
 
