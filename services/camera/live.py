@@ -14,7 +14,7 @@ from typing import ClassVar, cast
 import cv2
 
 from services.camera.detector import Image
-from services.camera.sources import Frame, SourceError
+from services.camera.frames import Frame, SourceError
 from shared.site.site_file import redact_url
 
 __all__ = ["LiveSource"]

@@ -14,7 +14,7 @@ import cv2
 import structlog
 
 from services.camera.detector import Image
-from services.camera.sources import Frame, SourceError
+from services.camera.frames import Frame, SourceError
 
 __all__ = ["FolderSource", "VideoFile"]
 

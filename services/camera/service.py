@@ -10,9 +10,10 @@ import structlog
 from prometheus_client import Counter, Histogram
 
 from services.camera.detector import DetectorError, check_detector
+from services.camera.frames import Frame, Source, SourceError
 from services.camera.pipeline import Pipeline, to_message
 from services.camera.settings import CameraSettings
-from services.camera.sources import Frame, Source, SourceError, open_source
+from services.camera.sources import open_source
 from services.camera.status import StatusBoard
 from shared.bus import Bus
 from shared.messages import CameraStatus, DetectionFrame

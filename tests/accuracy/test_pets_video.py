@@ -9,9 +9,9 @@ from benchmarks.pets_truth import FRAMES, PetsTruth
 from benchmarks.pets_video import BARS, figures_of
 from benchmarks.result import read_figures
 
-TOLERANCE = {"mota": 0.005, "idf1": 0.005, "precision": 0.005, "recall": 0.005}
-# Identity rides on live radio and wall-clock timing: runs differ by a few hundredths.
-LIVE_TOLERANCE = {"located_within_1m": 0.08}
+# The tight gate is test_pets_offline.py. Live, time stamps differ in their last bits from run to run, and with them a
+# decision or two; identity rides on wall-clock timing as well. The tolerances are the spread of several runs.
+TOLERANCE = {"mota": 0.01, "idf1": 0.03, "precision": 0.01, "recall": 0.01, "located_within_1m": 0.08}
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +37,10 @@ def test_bar(figures: dict[str, float | None], figure: str) -> None:
     assert (figures[figure] or 0.0) >= BARS[figure]
 
 
-@pytest.mark.parametrize("figure", sorted({**TOLERANCE, **LIVE_TOLERANCE}))
+@pytest.mark.parametrize("figure", sorted(TOLERANCE))
 def test_not_worse_than_stored(figures: dict[str, float | None], figure: str) -> None:
     stored = read_figures("pets-video")[figure]
-    allowed = {**TOLERANCE, **LIVE_TOLERANCE}[figure]
-    assert (figures[figure] or 0.0) >= stored - allowed, f"{figure} fell from {stored} to {figures[figure]}"
+    assert (figures[figure] or 0.0) >= stored - TOLERANCE[figure], f"{figure} fell from {stored} to {figures[figure]}"
 
 
 def test_latency_is_measured(figures: dict[str, float | None], run: PetsRun) -> None:

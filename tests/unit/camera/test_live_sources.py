@@ -10,8 +10,8 @@ from mjpeg_server import MjpegServer
 from numpy.typing import NDArray
 from waiting import wait_until
 
+from services.camera.frames import Frame, SourceError
 from services.camera.live import LiveSource
-from services.camera.sources import Frame, SourceError
 
 
 def picture(number: int) -> NDArray[np.uint8]:

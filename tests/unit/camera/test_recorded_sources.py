@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from waiting import wait_until
 
+from services.camera.frames import Frame, SourceError
 from services.camera.recorded import FolderSource, VideoFile
-from services.camera.sources import Frame, SourceError, open_source
+from services.camera.sources import open_source
 from shared.site import load_site
 
 COUNT = 12
