@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import socket
 import threading
 from collections.abc import Callable
@@ -101,7 +100,7 @@ class Demo:
             "ATRIUM_DATA": str(data_folder()),
             "ATRIUM_SIMULATOR_PORT": str(ports.video),
         }
-        self.site = _load(site_file, environment)
+        self.site = load_site(site_file)
         self.launcher = Launcher(environment, log, self.log_file)
         self._router = None if endpoint else router(self.endpoint)
         self.cameras, self.others = self._plan()
@@ -161,7 +160,8 @@ class Demo:
                 (
                     f"fusion-{area.id}" if len(self.site.areas) > 1 else "fusion",
                     "services.fusion",
-                    {"ATRIUM_AREA": area.id},
+                    # Cameras start last: for the first seconds their silence is no news.
+                    {"ATRIUM_AREA": area.id, "ATRIUM_SILENT_AFTER": "15"},
                 )
                 for area in self.site.areas
             ),
@@ -179,12 +179,6 @@ class Demo:
         others_specs = [ProcessSpec(name, module, next(health_ports), env) for name, module, env in wanted]
         camera_specs = [ProcessSpec(name, module, next(health_ports), env) for name, module, env in cameras]
         return camera_specs, others_specs
-
-
-def _load(site_file: Path, environment: dict[str, str]) -> Site:
-    """Read the site as the processes will: with the environment they get."""
-    os.environ.update(environment)
-    return load_site(site_file)
 
 
 def _free_ports(count: int) -> list[int]:
