@@ -15,7 +15,7 @@ import httpx
 from services.cli.launcher import Launcher, LauncherError, ProcessSpec
 from shared.bus import router
 from shared.settings import data_folder
-from shared.site import Site, load_site
+from shared.site import load_site
 
 __all__ = ["Demo", "Ports", "find_site", "shipped_sites"]
 
