@@ -9,12 +9,12 @@ from typing import Annotated, Any
 
 import msgspec
 from fastapi import APIRouter, FastAPI, Query, Request
+from fastapi_offline import FastAPIOffline
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
-from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
+from starlette.responses import RedirectResponse, Response, StreamingResponse
 
 from services.api.auth import Guard, KeyRing
-from services.api.docs_page import docs_page
 from services.api.hot_reads import HotReads
 from services.api.live_state import LiveState
 from services.api.openapi import describe, documented, error
@@ -85,7 +85,7 @@ def create_app(
             CORSMiddleware, allow_origins=settings.cors_origins, allow_methods=["GET"], allow_headers=headers
         )
         layers.insert(0, cors)
-    app = FastAPI(title="Atrium", version="1", docs_url=None, redoc_url=None, lifespan=lifespan, middleware=layers)
+    app = FastAPIOffline(redoc_url=None, title="Atrium", version="1", lifespan=lifespan, middleware=layers)
     tell_problems(app)
     describe(app)
     app.include_router(_reads(site, site_json, live, health))
@@ -94,10 +94,6 @@ def create_app(
     @app.get("/", include_in_schema=False)
     async def root() -> RedirectResponse:
         return RedirectResponse("/docs")
-
-    @app.get("/docs", include_in_schema=False)
-    async def docs() -> HTMLResponse:
-        return HTMLResponse(docs_page(app.openapi()))
 
     return app
 

@@ -19,6 +19,8 @@ from services.api.settings import ApiKey, Scope
 __all__ = ["OPEN_PATHS", "SCOPES", "Guard", "KeyRing"]
 
 OPEN_PATHS = frozenset({"/", "/docs", "/openapi.json"})
+OPEN_FOLDER = "/static-offline-docs/"
+"""Script and style of the page at ``/docs``; served from here, because many sites have no internet."""
 """Documentation tells nothing about anybody."""
 
 SCOPES: dict[str, Scope] = {
@@ -59,7 +61,7 @@ class Guard:
 
     async def __call__(self, connection: Connection, receive: Receive, send: Send) -> None:
         """Answer 401 or 403, or hand the request on."""
-        if connection["type"] == "lifespan" or connection["path"] in OPEN_PATHS:
+        if connection["type"] == "lifespan" or _is_open(connection["path"]):
             await self._app(connection, receive, send)
             return
         presented = _presented(connection)
@@ -71,6 +73,10 @@ class Guard:
             return
         headers = {"WWW-Authenticate": 'Bearer realm="atrium"'} if problem.status == 401 else None
         await problem_response(problem, headers)(connection, receive, send)
+
+
+def _is_open(path: str) -> bool:
+    return path in OPEN_PATHS or path.startswith(OPEN_FOLDER)
 
 
 def _refusal(path: str, presented: bytes | None, scopes: frozenset[Scope] | None) -> Problem | None:

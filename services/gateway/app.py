@@ -15,6 +15,7 @@ from typing import NoReturn, TypeVar
 import msgspec
 import structlog
 from fastapi import FastAPI, Request, Response
+from fastapi_offline import FastAPIOffline
 from prometheus_client import Counter
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.exceptions import HTTPException
@@ -79,11 +80,11 @@ def create_app(gateway: Gateway) -> FastAPI:
         yield
         workers.shutdown(wait=False, cancel_futures=True)
 
-    app = FastAPI(
+    app = FastAPIOffline(
+        redoc_url=None,
         title="Atrium gateway",
         summary="Where phones post what they measure and read where they are.",
         version="1",
-        redoc_url=None,
         lifespan=life,
     )
     complete(app)

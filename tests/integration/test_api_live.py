@@ -1,6 +1,7 @@
 """The api service as a client meets it: a real router, real messages on the bus, real HTTP and a real event stream."""
 
 import json
+import re
 import socket
 import threading
 import time
@@ -296,7 +297,13 @@ def test_bad_input_is_a_typed_answer(site: Site, project: Path, zenoh_router: st
             assert problem["allowed"]
         wrong = httpx.post(f"{address}/v1/positions", headers=KEY)
         assert (wrong.status_code, wrong.json()["field"]) == (405, "method")
-        assert httpx.get(address, follow_redirects=True).url.path == "/docs"
+        page = httpx.get(address, follow_redirects=True)
+        assert page.url.path == "/docs"
+        assets = re.findall(r'(?:src|href)="([^"]+)"', page.text)
+        assert any(asset.endswith(".js") for asset in assets)
+        for asset in assets:
+            assert asset.startswith("/"), "the page loads nothing from the internet"
+            assert httpx.get(address + asset).status_code == 200
         site_body = httpx.get(f"{address}/v1/site", headers=KEY).text
         assert "mjpeg" not in site_body
         assert "02:a7" not in site_body

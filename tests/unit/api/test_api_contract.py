@@ -11,7 +11,6 @@ import shapely
 
 from services.api.app import create_app
 from services.api.auth import KeyRing
-from services.api.docs_page import docs_page
 from services.api.examples import EXAMPLES
 from services.api.health_report import Presence, health_report
 from services.api.live_state import LiveState
@@ -49,9 +48,6 @@ def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: 
         assert {"200", "401", "403"} <= set(answers), path
         assert "example" in json.dumps(answers["200"]), path
     assert document["security"]
-    page = docs_page(document)
-    assert all(path in page for path in document["paths"])
-    assert "//" not in page.replace("http://127.0.0.1", ""), "the page loads nothing from anywhere"
 
 
 def test_keys_are_read_in_every_documented_form(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
