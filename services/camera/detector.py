@@ -60,7 +60,7 @@ class Detector(Protocol):
         ...
 
     def detect(self, image: Image, t: float) -> Detections:
-        """Return who is in ``image`` (of the geometry's size), measured at ``t`` seconds; ``t`` never decreases."""
+        """Return who is in ``image`` (of the geometry's size), at ``t`` s, which falls only if a clock is set back."""
         ...
 
     def reset(self) -> None:

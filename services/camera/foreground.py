@@ -110,6 +110,7 @@ class ForegroundDetector:
         """Share of the background this picture renews: a plain mean at first, then the rate per second."""
         if self._seen == 0:
             self._first = self._last = t
+        self._first += min(t - self._last, 0.0)  # a clock that was set back does not make the background younger
         elapsed = max(t - self._last, 0.0)
         self._last = t
         self._seen += 1

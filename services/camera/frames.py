@@ -59,7 +59,9 @@ class Source(Protocol):
         ...
 
     def frames(self, stopping: threading.Event) -> Iterator[Frame]:
-        """Open the source and yield its pictures in order of ``t`` until it ends or ``stopping`` is set.
+        """Open the source and yield its pictures until it ends or ``stopping`` is set.
+
+        Their ``t`` grows, but where the clock of a live source's machine is set back by more than a second.
 
         Raises:
             SourceError: it cannot be opened, or it fails later; calling again tries again.

@@ -23,6 +23,8 @@ OPEN_TIMEOUT = 5.0
 """Seconds a stream may take to answer."""
 READ_TIMEOUT = 5.0
 """Seconds a stream may be silent."""
+CLOCK_STEP = 1.0
+"""Seconds by which time must run backwards to be a clock that was set, and not the jitter of an adjusted one."""
 
 
 class LiveSource:
@@ -58,8 +60,12 @@ class LiveSource:
                 if taken is None:
                     continue
                 image, arrived = taken
-                # A clock that is set back must not make time run backwards for those who read this.
-                t = last = max(arrived - self._latency, last + 1e-3)
+                t = arrived - self._latency
+                if not (t > last or last - t > CLOCK_STEP):
+                    # An adjusted clock must not make time run backwards for those who read this; one that was set is
+                    # followed at once, or time would stand still for as long as the clock was set back.
+                    t = last + 1e-3
+                last = t
                 if seq == 0:
                     origin = t
                 yield Frame(image=image, t=t, seq=seq, pass_origin=origin, arrived=arrived)

@@ -40,6 +40,8 @@ class _Recorded(ABC):
     def frames(self, stopping: threading.Event) -> Iterator[Frame]:
         """Yield the pictures of one pass, or of pass after pass; see the protocol."""
         origin = time.time()
+        # Waiting goes by a clock nobody can set; what is told stays origin + seq / rate.
+        begun = ended = time.monotonic()
         while not stopping.is_set():
             seq = 0
             rate = 0.0
@@ -47,9 +49,10 @@ class _Recorded(ABC):
                 if seq == 0:
                     # A new pass never begins before the last one ended, also when that one ran ahead of the clock.
                     origin = max(origin, time.time())
+                    begun = max(ended, time.monotonic())
                 t = origin + seq / rate
                 if self._pace == "source":
-                    stopping.wait(t - time.time())
+                    stopping.wait(max(begun + seq / rate - time.monotonic(), 0.0))
                 if stopping.is_set():
                     return
                 yield Frame(image=image, t=t, seq=seq, pass_origin=origin, arrived=time.time())
@@ -57,6 +60,7 @@ class _Recorded(ABC):
             if not self._loop:
                 return
             origin += seq / rate
+            ended = begun + seq / rate
 
     @abstractmethod
     def _pictures(self) -> Iterator[tuple[float, Image]]:

@@ -1,8 +1,10 @@
 """Streams and devices: the newest picture wins, failures are sentences, passwords stay secret."""
 
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -36,6 +38,29 @@ def test_mjpeg_over_http_gives_pictures_in_order_with_their_arrival(server: Mjpe
     assert np.all(np.diff([frame.t for frame in frames]) > 0.0)
     assert frames[5].t == pytest.approx(frames[5].arrived - 0.25, abs=0.05)
     assert {frame.pass_origin for frame in frames} == {frames[0].t}
+
+
+@pytest.mark.parametrize("step", [-3600.0, -0.4, 3600.0])
+def test_a_clock_that_is_set_neither_stops_time_nor_lets_it_jitter(
+    server: MjpegServer, monkeypatch: pytest.MonkeyPatch, step: float
+) -> None:
+    stopping = threading.Event()
+    shift = 0.0
+    monkeypatch.setattr("services.camera.live.time", SimpleNamespace(time=lambda: time.time() + shift))
+    frames: list[Frame] = []
+    for frame in LiveSource(server.url, latency=0.25).frames(stopping):
+        frames.append(frame)
+        if len(frames) == 10:
+            shift = step
+        elif len(frames) == 60:
+            stopping.set()
+    times = np.array([frame.t for frame in frames])
+    told = times[-1] - times[20]
+    if abs(step) > 1.0:
+        assert told == pytest.approx(frames[-1].arrived - frames[20].arrived, abs=1e-6)
+        assert times[-1] == pytest.approx(time.time() + step, abs=5.0)
+    else:
+        assert np.all(np.diff(times) > 0.0)
 
 
 def test_a_slow_reader_gets_the_newest_picture_and_the_overtaken_are_counted(server: MjpegServer) -> None:

@@ -3,6 +3,7 @@
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -75,6 +76,23 @@ def test_a_file_at_its_own_pace_keeps_to_the_clock(video: Path) -> None:
     assert before <= frames[0].pass_origin <= before + 1.0
     assert time.time() - before >= (COUNT - 1) / 40.0
     assert all(frame.arrived >= frame.t - 1e-3 for frame in frames)
+
+
+@pytest.mark.parametrize("step", [-3600.0, 3600.0])
+def test_a_clock_that_is_set_changes_neither_the_pace_nor_the_times_of_a_file(
+    video: Path, monkeypatch: pytest.MonkeyPatch, step: float
+) -> None:
+    begun = time.monotonic()
+    clock = SimpleNamespace(
+        time=lambda: time.time() + (step if time.monotonic() - begun > 0.15 else 0.0), monotonic=time.monotonic
+    )
+    monkeypatch.setattr("services.camera.recorded.time", clock)
+    stopping = threading.Event()
+    # Without this, a file that waits for the old time to come again would hold the tests up for an hour.
+    threading.Timer(5.0, stopping.set).start()
+    frames = list(VideoFile(video, frames_per_s=20.0).frames(stopping))
+    assert [frame.t - frame.pass_origin for frame in frames] == pytest.approx([n / 20.0 for n in range(COUNT)])
+    assert 0.5 < time.monotonic() - begun < 3.0
 
 
 def test_as_fast_as_possible_does_not_wait(video: Path) -> None:
