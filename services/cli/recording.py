@@ -63,12 +63,16 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True)
 class Consumed:
-    """What fusion consumed in one chunk, in order, and the tracks it made of it (None if they were not recorded)."""
+    """What fusion consumed in one chunk, in order, and the tracks it made of it (None if they were not recorded).
+
+    ``process`` names the fusion process that did: it changes when fusion was started anew.
+    """
 
     mark: ChunkMark
     inputs: tuple[Message, ...]
     missing: int
     tracks: TrackFrame | None
+    process: str
 
 
 class RecordingWriter:
@@ -176,15 +180,19 @@ class Recording:
                 self.truncated = True
 
     def state(self, area: str) -> bytes | None:
-        """Return fusion's answer to the state query made when the recording began, if there was one."""
+        """Return fusion's answer to the state query from which the recording is whole, if there was one.
+
+        The recorder asks again while fusion still consumes what was sent before the recording began; the last counts.
+        """
+        state = None
         with self.path.open("rb") as stream:
             try:
                 for record in StreamReader(stream).records:
                     if isinstance(record, Attachment) and record.name == f"fusion-state/{area}":
-                        return record.data
+                        state = record.data
             except (McapError, EOFError):
                 self.truncated = True
-        return None
+        return state
 
     def areas(self) -> list[str]:
         """Return the areas whose fusion was recorded."""
@@ -197,22 +205,22 @@ class Recording:
         chunk_key, track_key = Keys(self.site).chunks(area), Keys(self.site).tracks(area)
         inputs: dict[str, tuple[Message, float]] = {}
         tracks: dict[int, TrackFrame] = {}
-        marks: deque[tuple[ChunkMark, float]] = deque()
+        marks: deque[tuple[ChunkMark, float, str]] = deque()
         for recorded in self.messages():
             message = recorded.message
             if isinstance(message, INPUT_KINDS):
                 inputs[recorded.trace] = (message, recorded.sent)
             elif recorded.key == chunk_key and isinstance(message, ChunkMark):
-                marks.append((message, recorded.sent))
+                marks.append((message, recorded.sent, recorded.trace.rpartition("-")[0]))
             elif recorded.key == track_key and isinstance(message, TrackFrame):
                 tracks[message.chunk] = message
             while marks and (_complete(marks[0][0], inputs, tracks) or recorded.sent > marks[0][1] + LOOK_AHEAD):
-                yield _take(marks.popleft()[0], inputs, tracks)
+                yield _take(marks.popleft(), inputs, tracks)
             if len(inputs) > 4096:
                 horizon = recorded.sent - 6.0 * LOOK_AHEAD
                 inputs = {trace: entry for trace, entry in inputs.items() if entry[1] > horizon}
         while marks:
-            yield _take(marks.popleft()[0], inputs, tracks)
+            yield _take(marks.popleft(), inputs, tracks)
 
 
 class _TraceOnly(msgspec.Struct):
@@ -234,7 +242,10 @@ def _complete(mark: ChunkMark, inputs: dict[str, tuple[Message, float]], tracks:
     return mark.chunk in tracks and all(trace in inputs for trace in mark.consumed)
 
 
-def _take(mark: ChunkMark, inputs: dict[str, tuple[Message, float]], tracks: dict[int, TrackFrame]) -> Consumed:
+def _take(
+    entry: tuple[ChunkMark, float, str], inputs: dict[str, tuple[Message, float]], tracks: dict[int, TrackFrame]
+) -> Consumed:
+    mark, _, process = entry
     # Inputs stay in the buffer until they age: another area's marks may name the same radio scans.
     found = tuple(inputs[trace][0] for trace in mark.consumed if trace in inputs)
-    return Consumed(mark, found, len(mark.consumed) - len(found), tracks.pop(mark.chunk, None))
+    return Consumed(mark, found, len(mark.consumed) - len(found), tracks.pop(mark.chunk, None), process)
