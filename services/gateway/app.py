@@ -72,7 +72,6 @@ def create_app(gateway: Gateway) -> FastAPI:
     workers = ThreadPoolExecutor(2, "phones")  # dead reckoning and the bus never hold the event loop
     places = threading.BoundedSemaphore(WAITING_BATCHES)
     known: dict[str, Registered] = {}  # tokens seen since start, so that a batch costs no query
-    withdrawn: set[str] = set()  # a query under way must not bring a dead token back
 
     @asynccontextmanager
     async def life(_app: FastAPI) -> AsyncIterator[None]:
@@ -99,7 +98,8 @@ def create_app(gateway: Gateway) -> FastAPI:
         found = known.get(token)
         if found is None:
             found = await work(gateway.store.by_token, token)
-            if found is None or found.id in withdrawn:
+            # A query under way while the consent was withdrawn must not bring a dead token back.
+            if found is None or gateway.phones.has_forgotten(found.id):
                 _refuse_token()
             known[token] = found
         if found.id != device:
@@ -178,6 +178,7 @@ def create_app(gateway: Gateway) -> FastAPI:
         received = time.time()
         owner = await whose(request, device)
         body = await _body(request, settings.batch_bytes)
+        await whose(request, device)  # again: the consent may have been withdrawn while the body came
         if not places.acquire(blocking=False):
             raise busy("more batches wait than can be taken")
         try:
@@ -202,9 +203,8 @@ def create_app(gateway: Gateway) -> FastAPI:
         """Take the consent back: the token dies at once and the device is forgotten."""
         await whose(request, device)
         await work(gateway.store.withdraw, device, time.time())
-        withdrawn.add(device)
-        known.pop(_bearer(request), None)
         await work(gateway.phones.forget, device)
+        known.pop(_bearer(request), None)  # after forgetting: a query that ended before that has been cached
         gateway.positions.forget(device)
         WITHDRAWN.inc()
         log.info("consent withdrawn", device=device)

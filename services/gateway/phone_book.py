@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import OrderedDict
 from dataclasses import dataclass, field
+from typing import NoReturn
 
 import structlog
 from prometheus_client import Counter, Gauge
@@ -27,6 +29,8 @@ IGNORED = Counter("atrium_gateway_ignored_total", "What was not used of batches"
 PHONES = Gauge("atrium_gateway_phones", "Phones that posted lately")
 OUTBOX = 10_000
 """Messages a phone may have waiting for the bus before its batches are refused."""
+FORGOTTEN_KEPT = 100_000
+"""Forgotten devices remembered: far more than can have a batch on its way at once."""
 
 log = structlog.get_logger(__name__)
 
@@ -64,14 +68,15 @@ class PhoneBook:
         self._idle = idle
         self._access_points = {address.lower(): point.id for point in site.access_points for address in point.addresses}
         self._entries: dict[str, _Entry] = {}
+        self._forgotten: OrderedDict[str, None] = OrderedDict()
         self._lock = threading.Lock()
 
     def post(self, device: Registered, body: bytes, received: float) -> BatchReply:
         """Take one batch and put what it holds on the bus.
 
         Raises:
-            RequestError: 4xx for a bad batch, nothing of it used; 503 where the bus is away: send it again, what was
-                used of it is kept and will be published once.
+            RequestError: 4xx for a bad batch or a forgotten device, nothing of it used; 503 where the bus is away: send
+                it again, what was used of it is kept and will be published once.
         """
         try:
             batch = read_json(body, Batch)
@@ -85,8 +90,11 @@ class PhoneBook:
         return reply
 
     def forget(self, device: str) -> None:
-        """Forget a device whose consent was withdrawn; what it sent and is not yet on the bus is dropped."""
+        """Forget a device whose consent was withdrawn, for good; what it sent and is not yet on the bus is dropped."""
         with self._lock:
+            self._forgotten[device] = None
+            if len(self._forgotten) > FORGOTTEN_KEPT:
+                self._forgotten.popitem(last=False)
             entry = self._entries.pop(device, None)
             PHONES.set(len(self._entries))
         if entry is not None:
@@ -94,6 +102,11 @@ class PhoneBook:
                 entry.forgotten = True
                 entry.phone.outbox.clear()
                 entry.hush()
+
+    def has_forgotten(self, device: str) -> bool:
+        """Whether this device's consent was withdrawn here."""
+        with self._lock:
+            return device in self._forgotten
 
     def rest(self, now: float) -> None:
         """Let idle phones cost nothing; ``now`` is monotonic. After twelve times as long they are forgotten whole."""
@@ -114,6 +127,9 @@ class PhoneBook:
 
     def _entry(self, device: Registered) -> _Entry:
         with self._lock:
+            # A batch may have been authorised before the consent was withdrawn and come to its end only now.
+            if device.id in self._forgotten:
+                _refuse_forgotten()
             entry = self._entries.get(device.id)
             if entry is None:
                 heading_known = device.carrying in ("hand", "unknown")
@@ -125,7 +141,7 @@ class PhoneBook:
 
     def _take(self, entry: _Entry, batch: Batch, received: float) -> BatchReply:
         if entry.forgotten:
-            refuse("Authorization", "this device has been forgotten", allowed="enrol again", status=401)
+            _refuse_forgotten()
         phone = entry.phone
         if len(phone.outbox) > OUTBOX:
             self._flush(entry)
@@ -173,3 +189,7 @@ class PhoneBook:
             if entry.motion is None:
                 entry.motion = self._bus.publisher(self._keys.motion(device), MotionBatch)
             entry.motion.publish(message)
+
+
+def _refuse_forgotten() -> NoReturn:
+    refuse("Authorization", "this device has been forgotten", allowed="enrol again", status=401)

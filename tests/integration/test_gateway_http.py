@@ -316,6 +316,31 @@ def test_withdrawn_consent_ends_everything_at_once(gateway: Running) -> None:
     assert phone.http.delete(f"/v1/devices/{phone.device}", headers=phone.headers).status_code == 401
 
 
+def held_back(gateway: Running, method_and_path: str, body: bytes, *headers: str) -> socket.socket:
+    """Begin a request and return once the gateway asks for its body: it has looked at the head by then."""
+    line = socket.create_connection(("127.0.0.1", gateway.http.base_url.port or 0), timeout=10)
+    head = [f"{method_and_path} HTTP/1.1", "Host: x", f"Content-Length: {len(body)}", "Expect: 100-continue", *headers]
+    line.sendall("\r\n".join([*head, "", ""]).encode())
+    assert b" 100 " in line.recv(4096)
+    return line
+
+
+def test_a_batch_whose_body_ends_after_the_consent_was_withdrawn_is_refused(
+    gateway: Running, listener: Listener
+) -> None:
+    phone, other = Phone(gateway), Phone(gateway)
+    body = json.dumps(phone.batch(0)).encode()
+    authorization = f"Authorization: {phone.headers['Authorization']}"
+    with held_back(gateway, f"POST {phone.enrolled['batches']}", body, authorization) as line:
+        line.sendall(body[:100])
+        assert phone.http.delete(f"/v1/devices/{phone.device}", headers=phone.headers).status_code == 204
+        line.sendall(body[100:])
+        assert b" 401 " in line.recv(4096).split(b"\r\n")[0]
+    other.post(other.batch(0))
+    wait_until(lambda: listener.heard(other.device)[0], 10, "a scan posted later")
+    assert listener.heard(phone.device) == ([], [])
+
+
 def test_the_page_shows_the_batch_with_worked_examples_that_work(gateway: Running) -> None:
     document = gateway.http.get("/openapi.json").json()
     body = document["paths"]["/v1/devices/{device}/batches"]["post"]["requestBody"]["content"]["application/json"]

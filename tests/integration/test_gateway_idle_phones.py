@@ -74,6 +74,19 @@ def test_a_bus_that_is_gone_keeps_the_batch_for_the_next_try(zenoh_router: str, 
     assert len(phones._entries[DEVICE.id].phone.outbox) == 1
 
 
+def test_a_forgotten_phone_is_not_taken_in_again_by_a_batch_that_was_on_its_way(
+    zenoh_router: str, site_file: Path
+) -> None:
+    with Bus([zenoh_router]) as bus:
+        phones = PhoneBook(load_site(site_file), bus, Limits(), idle=10.0)
+        phones.post(DEVICE, body(0), time.time())
+        phones.forget(DEVICE.id)
+        with pytest.raises(RequestError) as caught:
+            phones.post(DEVICE, body(1), time.time())
+        assert caught.value.status == 401
+        assert not phones._entries
+
+
 def test_the_state_of_a_walking_phone_is_small() -> None:
     reckoner = DeadReckoner(north=0.0)
     for second in range(60):
