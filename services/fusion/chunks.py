@@ -35,7 +35,7 @@ class ChunkerSettings:
     oldest_phone: float = 5.0
     """Radio and motion older than this are left to the services that look back."""
     ahead: float = 2.0
-    """A frame this far ahead of all cameras is not believed at once."""
+    """A frame this far ahead of all cameras (or two of its camera's own intervals) is not believed at once."""
     agree: int = 2
     """Frames in a row that must tell the same unlikely time, nobody else telling another, before it is believed."""
     phone_ahead: float = 5.0
@@ -61,6 +61,10 @@ class _Camera:
         """The earliest time at which this camera's next frame can come."""
         return self.last + (min(self.intervals) if self.intervals else 0.0)
 
+    def usual_interval(self) -> float:
+        """The median time between its frames; 0 where it is not known yet."""
+        return sorted(self.intervals)[len(self.intervals) // 2] if self.intervals else 0.0
+
 
 @dataclass
 class _Doubt:
@@ -71,6 +75,8 @@ class _Doubt:
     count: int
     accepted: int
     """How many frames had been accepted, of any camera, when the run began."""
+    gap: float
+    """Seconds from the frame before, believed or not, to the last of the run; a slow camera repeats it."""
 
 
 class Chunker:
@@ -154,7 +160,7 @@ class Chunker:
         if camera is not None and frame.t == camera.last:
             return "frame twice"
         known = max(self._newest(), (self._closed + 1) * s.period if self._closed >= 0 else -math.inf)
-        if frame.t > known + s.ahead and math.isfinite(known):
+        if frame.t > known + self._stride(camera) and math.isfinite(known):
             reason = "frame from the far future"
         elif camera is not None and frame.t < camera.last:
             reason = "time went backwards"
@@ -171,22 +177,33 @@ class Chunker:
 
     def _clock_was_set(self, frame: DetectionFrame) -> bool:
         """Whether the cameras' time really jumped: several frames agree on it and no camera says otherwise."""
-        doubt = self._doubts.get(frame.camera)
-        if doubt is None or not 0.0 < frame.t - doubt.last <= self.settings.ahead:
-            self._doubts[frame.camera] = _Doubt(frame.t, frame.t, 1, self._accepted)
+        camera, doubt = self._cameras.get(frame.camera), self._doubts.get(frame.camera)
+        gap = frame.t - (doubt or camera or _Camera(frame.t)).last
+        steady = doubt is not None and (
+            0.0 < gap <= self._stride(camera) or (0.0 < 0.5 * doubt.gap <= gap <= 2.0 * doubt.gap)
+        )
+        if doubt is None or not steady or doubt.accepted != self._accepted:
+            # Not a run yet, or somebody told another time meanwhile: whoever that was may be silent from now on.
+            self._doubts[frame.camera] = _Doubt(frame.t, frame.t, 1, self._accepted, gap)
             return False
-        doubt.last, doubt.count = frame.t, doubt.count + 1
-        others = any(name != frame.camera for name in self._cameras)
-        span = self.settings.silent if others else 0.0
-        if doubt.count < self.settings.agree or doubt.last - doubt.first < span or self._accepted != doubt.accepted:
+        before, doubt.last, doubt.gap, doubt.count = doubt.last, frame.t, gap, doubt.count + 1
+        others = [other for name, other in self._cameras.items() if name != frame.camera]
+        # Another camera had time enough to say otherwise.
+        span = max((max(self.settings.silent, 3.0 * other.usual_interval()) for other in others), default=0.0)
+        if doubt.count < self.settings.agree or doubt.last - doubt.first < span:
             return False
         if frame.t < (self._closed + 1) * self.settings.period:
             self.dropped["frame of the old time"] += len(self._frames)
             self._frames.clear()
             self._closed = -1
         self._cameras.clear()
+        self._cameras[frame.camera] = _Camera(before)
         self._doubts.clear()
         return True
+
+    def _stride(self, camera: _Camera | None) -> float:
+        """How far ahead the next frame of a camera may be and still be believed, seconds."""
+        return max(self.settings.ahead, 0.0 if camera is None else 2.0 * camera.usual_interval())
 
     def _hold(self, waiting: _Waiting[P], message: P, name: str, kind: str) -> None:
         if not math.isfinite(message.t):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 
+import numpy as np
 import pytest
 from fusion_world import frame
 from hypothesis import given, settings
@@ -106,6 +107,55 @@ def test_a_camera_with_a_wrong_clock_does_not_carry_the_others_away() -> None:
         feed(chunker, [t + 86_400.0], "east", number)
     assert len(closed) >= 95
     assert chunker.dropped["frame from the far future"] >= 95
+
+
+def test_a_camera_whose_clock_is_ahead_takes_over_when_the_other_dies() -> None:
+    chunker = Chunker()
+    for number in range(300):
+        feed(chunker, [100.0 + number / 15], "east", number)
+        feed(chunker, [110.0 + number / 15], "west", number)
+    closed = feed(chunker, [110.0 + number / 15 for number in range(300, 900)], "west", 300)
+    assert len(closed) >= 560
+
+
+def test_a_straggler_of_a_camera_that_died_in_an_outage_does_not_stall_the_other_for_ever() -> None:
+    chunker = Chunker()
+    for number in range(150):
+        for camera in ("west", "east"):
+            feed(chunker, [100.0 + number / 15], camera, number)
+    feed(chunker, [113.0], "west", 150)
+    feed(chunker, [110.1], "east", 150)
+    closed = feed(chunker, [113.0 + number / 15 for number in range(1, 300)], "west", 151)
+    assert len(closed) >= 260
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.01, 0.15])
+@pytest.mark.parametrize("rate", [0.6, 0.5, 0.45, 0.3, 0.1])
+def test_a_lone_camera_is_followed_however_slow_it_is(rate: float, jitter: float) -> None:
+    rng = np.random.default_rng(1)
+    chunker = Chunker()
+    closed = feed(chunker, [1000.0 + (n + jitter * rng.uniform(-1, 1)) / rate for n in range(200)])
+    assert len(closed) >= 195
+    assert sum(chunker.dropped.values()) <= 3
+    # Its clock may be set as well.
+    for t0 in (1e6, 5000.0):
+        assert len(feed(chunker, [t0 + n / rate for n in range(50)])) >= 46
+
+
+def test_two_slow_cameras_are_followed_and_a_slow_one_is_not_overruled_by_a_wrong_clock() -> None:
+    chunker = Chunker()
+    closed = []
+    for number in range(100):
+        closed += feed(chunker, [1000.0 + number / 0.3], "west", number)
+        closed += feed(chunker, [1001.0 + number / 0.3], "east", number)
+    assert sum(len(one.chunk.frames) for one in closed) >= 190
+    chunker = Chunker()
+    feed(chunker, [1000.0 + number / 0.4 for number in range(10)], "west")
+    for number in range(500):
+        t = 1025.0 + number / 10
+        if number % 25 == 0:
+            feed(chunker, [t], "west", number)
+        assert feed(chunker, [t + 86_400.0], "east", number) == []
 
 
 def test_both_cameras_come_back_after_an_outage() -> None:
