@@ -108,6 +108,12 @@ def create_app(gateway: Gateway) -> FastAPI:
             refuse("device", "is not enrolled", found=device, status=404)
         return found
 
+    def ration(address: str) -> None:
+        wait = limiter.wait(address)
+        if wait > 0.0:
+            problem = FieldError(field="", problem="too many attempts from this address")
+            raise RequestError(429, problem, headers={"Retry-After": str(int(wait) + 1)})
+
     @app.post(
         "/v1/devices",
         status_code=201,
@@ -117,11 +123,10 @@ def create_app(gateway: Gateway) -> FastAPI:
     async def enrol(request: Request) -> Response:
         """Enrol a phone whose carrier agrees to be located."""
         address = request.client.host if request.client else ""
-        wait = limiter.wait(address)
-        if wait > 0.0:
-            problem = FieldError(field="", problem="too many attempts from this address")
-            raise RequestError(429, problem, headers={"Retry-After": str(int(wait) + 1)})
-        body = read_json(await _body(request, ENROLMENT_BYTES), Enrolment)
+        ration(address)
+        content = await _body(request, ENROLMENT_BYTES)
+        ration(address)  # again: bodies held back and sent together must not make a burst of guesses
+        body = read_json(content, Enrolment)
         if not same_key(key_of(body.enrolment_key), settings.enrolment_key.get_secret_value()):
             limiter.spend(address, WRONG_KEY_COSTS)
             refuse("enrolment_key", "is wrong", allowed="this site's key, or the text of its QR code", status=403)

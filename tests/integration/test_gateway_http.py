@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -437,6 +438,20 @@ def test_guessing_the_key_is_stopped(alone: Callable[..., Running], zenoh_router
     assert [answer.status_code for answer in answers] == [403, 403, 403, 429, 429]
     assert int(answers[-1].headers["retry-after"]) > 1
     assert running.http.get("/v1/enrolment.svg", auth=("x", KEY)).status_code == 401
+
+
+def test_bodies_held_back_and_sent_together_make_no_burst_of_guesses(
+    alone: Callable[..., Running], zenoh_router: str
+) -> None:
+    running = alone(zenoh_router, ATRIUM_ENROLMENT_BURST="30", ATRIUM_ENROLMENTS_PER_MINUTE="1")
+    wait_until(lambda: is_ready(running), 30, "the gateway to be ready")
+    guess = json.dumps({"enrolment_key": "wrong-key", "consent": True}).encode()
+    with ExitStack() as stack:
+        lines = [stack.enter_context(held_back(running, "POST /v1/devices", guess)) for _ in range(8)]
+        for line in lines:
+            line.sendall(guess)
+        answers = sorted(line.recv(4096).split()[1] for line in lines)
+    assert answers == [b"403"] * 3 + [b"429"] * 5
 
 
 def test_outside_the_demo_a_missing_schema_or_a_default_key_stops_the_start(tmp_path: Path, zenoh_router: str) -> None:
