@@ -54,7 +54,9 @@ def _cores() -> int:
 
 
 def _commit() -> str:
-    answer = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=RESULTS, capture_output=True, text=True, check=False
-    )
-    return answer.stdout.strip() or "unknown"
+    """Return the commit the code is at; ``-changed`` where code, not results, differs from it."""
+    folder = RESULTS.parent.parent
+    name = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=folder, capture_output=True, text=True)
+    code = ["*.py", "deploy", "pyproject.toml", "constraints.txt"]
+    changed = subprocess.run(["git", "diff", "--quiet", "HEAD", "--", *code], cwd=folder)
+    return (name.stdout.strip() or "unknown") + ("-changed" if changed.returncode else "")

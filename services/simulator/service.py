@@ -20,7 +20,7 @@ from prometheus_client import Counter, Histogram
 from services.simulator.people import People
 from services.simulator.phone import EmulatedPhone
 from services.simulator.phones import Phones
-from services.simulator.radio_world import RadioWorld
+from services.simulator.radio_world import RadioParameters, RadioWorld
 from services.simulator.rendering import HallRenderer
 from services.simulator.settings import SimulatorSettings
 from services.simulator.trajectories import Trajectories, TrajectoryError
@@ -75,7 +75,12 @@ class Simulator(Service[SimulatorSettings]):
         people = _people(settings, self.site)
         floor = _floor(settings, self.site)
         carriers = _carriers(settings, people)
-        world = RadioWorld(self.site, settings.seed)
+        radio = RadioParameters(
+            shadowing_sigma=settings.radio_shadowing,
+            shadowing_length=settings.radio_shadowing_length,
+            noise_sigma=settings.radio_noise,
+        )
+        world = RadioWorld(self.site, settings.seed, radio)
         started = time.time()
         phones = Phones(
             [
