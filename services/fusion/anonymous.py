@@ -60,6 +60,8 @@ class AnonymousSettings:
     look_ahead: float = 0.3
     forget: float = 10.0
     """Seconds without any detection, cameras silent or not, after which a track dies."""
+    set_back: float = 1.0
+    """Seconds by which a frame must be older than the newest to be no late frame but of a clock set back."""
     slow_down: float = 2.8
     """Time constant with which an unseen person's assumed velocity fades, seconds."""
     report: float = 0.5
@@ -142,7 +144,8 @@ class AnonymousLayer:
         if number is None or frame.floor != self.view.floor or not math.isfinite(frame.t):
             self.ignored += 1
             return
-        if abs(frame.t - self.t) > self.settings.forget and math.isfinite(self.t):
+        known, s = math.isfinite(self.t), self.settings
+        if known and (frame.t - self.t > s.forget or frame.t < self.t - s.set_back):
             # A long silence or a clock set back: who stands there now is not known to be who stood there then.
             self.tracks.keep(np.zeros(len(self.tracks.ids), np.bool_))
             self._last_frame.clear()

@@ -69,6 +69,8 @@ class IdentityLayer(Hypotheses):
             self._note_walk(batch)
         if self._walks:
             heard |= self._walk(t)
+        # Nothing may happen for long where a person stands still: silence is news as well.
+        self._dirty |= bool((np.isfinite(self.device_seen) & (t - self.device_seen > self.settings.forget)).any())
         if self._dirty and not 0.0 <= t - self._decided < self.settings.cycle:
             self._decide(t)
         return heard
@@ -93,11 +95,12 @@ class IdentityLayer(Hypotheses):
             self.ignored += 1
             return False
         row = self.row(scan.device)
-        elapsed = abs(scan.t - self.device_seen[row])
-        if elapsed == 0.0:
+        elapsed = float(scan.t - self.device_seen[row])
+        if elapsed <= 0.0:
+            # Told again (after a lost connection, say): what it said must not count twice.
             self.ignored += 1
             return False
-        self.device_seen[row] = max(self.device_seen[row], scan.t)
+        self.device_seen[row] = scan.t
         heard = np.array(sorted(readings))
         level = np.array([readings[column] for column in heard.tolist()])
         against = self._stranger(row, heard, level, elapsed)
@@ -207,6 +210,7 @@ class IdentityLayer(Hypotheses):
         self._decided, self._dirty = t, False
         for row in np.flatnonzero(t - self.device_seen > s.forget).tolist():
             self.devices[row] = None
+            self.device_seen[row] = -math.inf
             self.given[row] = -1
         alive = np.flatnonzero(self.alive)
         rows = np.array([row for row, device in enumerate(self.devices) if device is not None], np.int64)

@@ -116,3 +116,25 @@ def test_after_a_long_silence_nobody_is_taken_for_who_stood_there_before(layer: 
     for number in range(30):
         layer.observe(frame(3700.0 + number / 10, [(12.0, 7.0)]))
     assert confirmed(layer) == [2]
+
+
+@pytest.mark.parametrize("step", [2.5, 5.0, 9.5])
+def test_a_clock_set_back_leaves_no_track_behind_that_the_person_walked_away_from(
+    layer: AnonymousLayer, step: float
+) -> None:
+    for number in range(200):
+        t = 100.0 + number / 10 - (step if number >= 100 else 0.0)
+        place = (12.0 + 4.0 * np.sin(number / 15.0), 7.0)
+        layer.observe(frame(t, [place]))
+        if number > 30 and not 100 <= number < 110:
+            found = layer.tracks.mean[layer.tracks.confirmed, :2]
+            assert len(found) == 1
+            assert np.hypot(*(found[0] - place)) < 0.4
+    assert layer.t == pytest.approx(119.9 - step)
+
+
+def test_a_late_frame_of_another_camera_is_no_clock_set_back(layer: AnonymousLayer) -> None:
+    for number in range(60):
+        layer.observe(frame(100.0 + number / 10, [(8.0, 7.0)]))
+        layer.observe(frame(99.5 + number / 10, [(8.0, 7.0)], "east"))
+    assert confirmed(layer) == [1]

@@ -93,6 +93,41 @@ def test_the_same_scan_twice_counts_once(site: Site) -> None:
     assert tracker.identity.ignored == 1
 
 
+def test_scans_told_again_after_others_count_once(site: Site) -> None:
+    """A gateway that lost the bus tells what it is not sure to have told."""
+
+    def odds(again: bool) -> float:
+        tracker = TwoLayerTracker(AreaView.of(site, "hall"))
+        told = [
+            RadioScan(t=103.0 + n, device="a", seq=n, access_point=["ap-1", "ap-2"], rssi=[-60.0 - n, -62.0])
+            for n in range(2)
+        ]
+        for number in range(60):
+            scans = told if number == 40 or (again and number == 50) else []
+            tracker.step(chunk(frame(100.0 + number / 7, [(6.0 + 0.05 * number, 7.0)]), scans=scans))
+        assert tracker.identity.ignored == (2 if again else 0)
+        return float(tracker.identity.odds[0, 0])
+
+    assert odds(again=True) == odds(again=False)
+
+
+def test_a_person_who_stands_still_loses_the_name_of_a_phone_that_is_silent_for_long(site: Site) -> None:
+    view = AreaView.of(site, "hall")
+    tracker = TwoLayerTracker(view)
+    place = np.array([8.0, 7.0])
+    level = view.radio.rssi(place[None])[0].tolist()
+    named = []
+    for number in range(700):
+        t = 100.0 + number / 7
+        scans = []
+        if number % 7 == 0 and number < 140:
+            scans = [RadioScan(t=t, device="a", seq=number, access_point=list(view.radio.names), rssi=level)]
+        named.append(tracker.step(chunk(frame(t, [place]), scans=scans)).device)
+    assert named[140] == ["a"]
+    assert named[-1] == [None]
+    assert tracker.identity.devices[0] is None
+
+
 def test_a_broken_track_is_continued_under_the_same_name_with_its_former_id(site: Site) -> None:
     """The person is hidden for longer than a track coasts; the phone carries the name across."""
     world = World(site, seed=1, people=3, seconds=60.0)
