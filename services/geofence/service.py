@@ -40,6 +40,7 @@ class _Area:
     heard: float = math.inf
     """When it came, by the monotonic clock; infinite: nobody is inside, or the area is silent and told of."""
     devices: dict[int, str] = field(default_factory=dict)
+    """Of each track in the newest frame; of one that vanished, the last it had: its exit is still to be told."""
 
 
 class GeofenceService(Service[GeofenceSettings]):
@@ -106,15 +107,17 @@ class GeofenceService(Service[GeofenceSettings]):
         track = np.array(frame.track, np.int64)
         x, y = np.array(frame.x, float), np.array(frame.y, float)
         floor = self._index.floors_of(frame.floor)
-        former = frame.former
+        former, devices = frame.former, frame.device
         _, once = np.unique(track, return_index=True)
         if len(once) < len(track):
             LEFT_OUT.labels("a track named twice: its second place").inc()
             track, x, y, floor = track[once], x[once], y[once], floor[once]
-            former = [former[place] for place in once.tolist()]
-        for number, device in zip(frame.track, frame.device, strict=True):
+            former, devices = [former[place] for place in once.tolist()], [devices[place] for place in once.tolist()]
+        for number, device in zip(track.tolist(), devices, strict=True):
             if device is not None:
                 area.devices[number] = device
+            else:
+                area.devices.pop(number, None)  # its phone turned out to be somebody else's
         happened = area.crossings.step(frame.t, track, floor, x, y, former)
         POSITIONS.inc(len(track))
         self._publish(happened, area, frame.area, origin)

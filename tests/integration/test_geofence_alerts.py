@@ -75,14 +75,16 @@ def alerts(inbox: Inbox, known: list[Alert]) -> list[Alert]:
     return known
 
 
-def walk_until(bus: Bus, t: float, x: float, y: float, inbox: Inbox, known: list[Alert], count: int) -> float:
+def walk_until(
+    bus: Bus, t: float, x: float, y: float, inbox: Inbox, known: list[Alert], count: int, device: str | None = "phone-1"
+) -> float:
     """Stand at (x, y) from ``t`` on until ``count`` alerts are there; returns the time after."""
     tracks = bus.publisher(KEYS.tracks("hall"), TrackFrame)
 
     def step() -> bool:
         nonlocal t
         t += 0.2
-        tracks.publish(frame(t, x, y))
+        tracks.publish(frame(t, x, y, device=device))
         return len(alerts(inbox, known)) >= count
 
     wait_until(step, DEADLINE, f"{count} alerts")
@@ -108,6 +110,22 @@ def test_enter_and_exit_arrive_once_with_the_device_and_wait_for_late_joiners(
             late.subscribe(KEYS.alert(), Alert, cached=True)
             wait_until(lambda: len(alerts(late, seen)) == 2, DEADLINE, "the cached alerts")
             assert [a.id for a in seen] == [a.id for a in known]
+
+
+def test_an_alert_names_no_device_that_the_track_has_lost(site: Site, project: Path, zenoh_router: str) -> None:
+    with running(site, project, zenoh_router, geofence_silence=0.5), Bus([zenoh_router]) as bus:
+        inbox, known = bus.inbox(), []
+        inbox.subscribe(KEYS.alert(), Alert, cached=True)
+        t = walk_until(bus, 100.0, 10.0, 1.2, inbox, known, 1)
+        t = walk_until(bus, t, 10.0, 5.0, inbox, known, 2, device=None)
+        walk_until(bus, t, 10.0, 1.2, inbox, known, 3)
+        wait_until(lambda: len(alerts(inbox, known)) == 4, DEADLINE, "the exit of the track that vanished")
+        assert [(a.kind, a.device) for a in known] == [
+            ("enter", "phone-1"),
+            ("exit", None),
+            ("enter", "phone-1"),
+            ("exit", "phone-1"),  # the last it had, since it vanished with it
+        ]
 
 
 def test_silence_empties_the_zones_and_is_told(site: Site, project: Path, zenoh_router: str) -> None:
