@@ -139,10 +139,21 @@ def _reads(site: Site, site_json: bytes, live: LiveState, health: Callable[[floa
         ] = None,
         zone: Annotated[str | None, Query(description="only this zone")] = None,
         limit: Annotated[int, Query(ge=1, le=1000, description="at most this many")] = 100,
+        after: Annotated[
+            str | None,
+            Query(
+                description="only alerts that came after the one of this id, first come first; empty: from the first"
+            ),
+        ] = None,
     ) -> Response:
-        """Who entered and left which zone, newest first."""
+        """Who entered and left which zone, newest first; with after, in the order they came, so that none is missed."""
         if zone is not None and zone not in zones:
             raise unknown("zone", zone, zones)
+        if after is not None:
+            try:
+                return _json(msgspec.json.encode(live.alerts_from(time.time(), after, since, zone, limit)))
+            except KeyError:
+                raise unknown("after", after, ["the id of an alert that is still held", "nothing"]) from None
         return _json(msgspec.json.encode(live.alerts(time.time(), since, zone, limit)))
 
     @router.get("/site", tags=["site"], responses=documented(SiteView))

@@ -7,6 +7,7 @@ is bounded: frames by the number of areas, positions and alerts by settings.
 from __future__ import annotations
 
 import bisect
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,6 +36,9 @@ __all__ = ["LiveState"]
 
 REBUILD_AFTER = 0.2
 """Seconds after which ready-made bytes are built anew even when nothing came: ages must grow."""
+
+CLOCK_SET_BACK = 5.0
+"""Seconds by which a status must be older than the one held for it to be a clock set back and no late message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +81,12 @@ class LiveState:
         positions_kept: seconds a device's last position is told after its source was received.
         tracks_kept: the same for the tracks of an area.
         alerts_kept: how many alerts are held, oldest dropped first.
+        started: wall clock; alerts sent earlier come from caches, in no order of their own.
     """
 
-    def __init__(self, site: Site, positions_kept: float, tracks_kept: float, alerts_kept: int) -> None:
+    def __init__(
+        self, site: Site, positions_kept: float, tracks_kept: float, alerts_kept: int, started: float = -math.inf
+    ) -> None:
         self._site = site
         self._positions_kept = positions_kept
         self._tracks_kept = tracks_kept
@@ -88,7 +95,11 @@ class LiveState:
         self._newest: dict[str, _Arrived] = {}
         self._fixes: dict[str, _Fix] = {}
         self._statuses: dict[str, tuple[CameraStatus, float]] = {}
+        self._started = started
         self._alerts: list[Alert] = []
+        """By time of measurement, which alerts do not arrive by: a crossing is told once it is certain."""
+        self._arrivals: list[tuple[float, Alert]] = []
+        """By arrival; those of before this process began arrived all at once, and stand first, by time of sending."""
         self._alert_ids: set[str] = set()
         self._polygons = [shapely.Polygon(zone.polygon) for zone in site.zones]
         shapely.prepare(self._polygons)
@@ -117,22 +128,34 @@ class LiveState:
         self._version += 1
         return True
 
-    def take_alert(self, alert: Alert) -> bool:
-        """Take in an alert; False where it is known already (caches are told again when a router comes back)."""
+    def take_alert(self, alert: Alert, sent: float = math.inf) -> bool:
+        """Take in an alert; False where it is known already (caches are told again when a router comes back).
+
+        Args:
+            alert: what happened.
+            sent: wall clock at which it was published.
+        """
         if alert.id in self._alert_ids:
             return False
         if len(self._alerts) >= self._alerts_kept:
             if alert.t < self._alerts[0].t:
                 return False
-            self._alert_ids.discard(self._alerts.pop(0).id)
+            oldest = self._alerts.pop(0)
+            self._alert_ids.discard(oldest.id)
+            del self._arrivals[self._arrival(oldest.id)]
         self._alert_ids.add(alert.id)
         bisect.insort(self._alerts, alert, key=lambda held: held.t)
+        place = sent if sent < self._started else math.inf
+        bisect.insort(self._arrivals, (place, alert), key=lambda arrival: arrival[0])
         return True
 
     def take_status(self, status: CameraStatus, now: float) -> bool:
-        """Take in a camera's status; False where the camera is not in the site file or a newer status is held."""
+        """Take in a camera's status; False where the camera is not in the site file or a newer status is held.
+
+        One that is much older is taken: its clock was set back.
+        """
         held = self._statuses.get(status.camera)
-        if held is not None and status.t < held[0].t:
+        if held is not None and 0.0 < held[0].t - status.t < CLOCK_SET_BACK:
             return False
         if all(camera.id != status.camera for camera in self._site.cameras):
             return False
@@ -178,12 +201,36 @@ class LiveState:
                 found.append(alert)
         return Alerts(t=now, alerts=found)
 
+    def alerts_from(self, now: float, after: str, since: float | None, zone: str | None, limit: int) -> Alerts:
+        """Return the first ``limit`` alerts that arrived after the one named, in that order, so that none is missed.
+
+        Args:
+            now: for the reply.
+            after: id of an alert; empty: from the first one held.
+            since: only those measured after this time.
+            zone: only those of this zone.
+            limit: at most this many.
+
+        Raises:
+            KeyError: the alert named is not held (any more).
+        """
+        if after and after not in self._alert_ids:
+            raise KeyError(after)
+        matching = (
+            alert
+            for alert in (self.alerts_after(after) if after else [alert for _, alert in self._arrivals])
+            if (zone is None or alert.zone == zone) and (since is None or alert.t > since)
+        )
+        return Alerts(t=now, alerts=list(itertools.islice(matching, limit)))
+
     def alerts_after(self, alert_id: str) -> list[Alert]:
-        """Return the alerts after the one named, oldest first; none where it is not known (any more)."""
+        """Return the alerts that arrived after the one named, in that order; none where it is not known (any more)."""
         if alert_id not in self._alert_ids:
             return []
-        place = next(index for index, alert in enumerate(self._alerts) if alert.id == alert_id)
-        return self._alerts[place + 1 :]
+        return [alert for _, alert in self._arrivals[self._arrival(alert_id) + 1 :]]
+
+    def _arrival(self, alert_id: str) -> int:
+        return next(index for index, (_, alert) in enumerate(self._arrivals) if alert.id == alert_id)
 
     def frames(self) -> list[TrackFrame]:
         """Return the newest frame of each area heard of."""

@@ -41,7 +41,9 @@ class ApiService(Service[ApiSettings]):
 
     def __init__(self, settings: ApiSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
-        self._live = LiveState(site, settings.positions_kept, settings.tracks_kept, settings.alerts_kept)
+        self._live = LiveState(
+            site, settings.positions_kept, settings.tracks_kept, settings.alerts_kept, started=time.time()
+        )
         self._hub = Hub(settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
         self._presence = Presence()
         self._connected = bus.connected
@@ -138,7 +140,7 @@ class ApiService(Service[ApiSettings]):
                 else:
                     self._tell_once(f"tracks of area {message.area}")
             elif isinstance(message, Alert):
-                if self._live.take_alert(message):
+                if self._live.take_alert(message, delivery.trace.sent):
                     self._hub.send("alert", message.zone, message.area, alert_event(message))
             elif isinstance(message, CameraStatus):
                 now = time.time()

@@ -205,6 +205,8 @@ def test_a_late_joiner_gets_the_cached_alerts_and_can_resume(
             assert [a["id"] for a in newest] == ["a-4", "a-3"]  # type: ignore[attr-defined]
             after = get(address, "/v1/alerts?since=1003")["alerts"]
             assert [a["id"] for a in after] == ["a-4"]  # type: ignore[attr-defined]
+            polled = get(address, "/v1/alerts?after=a-1&limit=2")["alerts"]
+            assert [a["id"] for a in polled] == ["a-2", "a-3"]  # type: ignore[attr-defined]
             events = Events(address, {"Last-Event-ID": "a-2"})
             wait_until(lambda: len(events.of("alert")) == 2, DEADLINE, "the alerts missed")
             assert events.ids == ["a-3", "a-4"]
@@ -287,6 +289,7 @@ def test_bad_input_is_a_typed_answer(site: Site, project: Path, zenoh_router: st
             ("/v1/alerts?since=nan", 422, "since"),
             ("/v1/alerts?since=yesterday", 422, "since"),
             ("/v1/alerts?zone=nowhere", 404, "zone"),
+            ("/v1/alerts?after=forgotten", 404, "after"),
             ("/v1/tracks?area=nowhere", 404, "area"),
             ("/v1/stream?area=nowhere", 404, "area"),
             ("/v1/nothing", 404, "path"),

@@ -108,8 +108,30 @@ def test_alerts_are_told_once_newest_first_and_the_oldest_give_way(live: LiveSta
     assert not live.take_alert(alert(0)), "older than all that are held"
     assert [a.t for a in live.alerts(0.0, 2.0, None, 1).alerts] == [4.0]
     assert live.alerts(0.0, None, "model-corner", 10).alerts == []
-    assert [a.t for a in live.alerts_after("a-2")] == [3.0, 4.0]
+    assert [a.t for a in live.alerts_after("a-2")] == [4.0], "the others came before it"
     assert live.alerts_after("forgotten") == []
+
+
+def test_an_alert_told_late_is_missed_by_nobody_who_resumes_or_polls(live: LiveState) -> None:
+    live.take_alert(alert(10))
+    live.take_alert(alert(8))  # crossed earlier, certain later
+    live.take_alert(alert(9, "model-corner"))
+    assert [a.id for a in live.alerts_after("a-10")] == ["a-8", "a-9"]
+    assert [a.id for a in live.alerts_from(0.0, "a-10", None, None, 10).alerts] == ["a-8", "a-9"]
+    assert [a.id for a in live.alerts_from(0.0, "", None, None, 2).alerts] == ["a-10", "a-8"]
+    assert [a.id for a in live.alerts_from(0.0, "a-10", 8.5, "model-corner", 10).alerts] == ["a-9"]
+    assert live.alerts_from(0.0, "a-9", None, None, 10).alerts == []
+    assert [a.id for a in live.alerts(0.0, 8.5, None, 10).alerts] == ["a-10", "a-9"], "since is by measured time"
+    with pytest.raises(KeyError):
+        live.alerts_from(0.0, "forgotten", None, None, 10)
+
+
+def test_after_a_restart_alerts_from_the_caches_are_in_the_order_they_were_sent(project: Path) -> None:
+    site = load_site(project / "deploy/sites/hall/site.yaml")
+    live = LiveState(site, positions_kept=60.0, tracks_kept=5.0, alerts_kept=3, started=100.0)
+    for number, sent in ((1, 91.0), (3, 93.0), (7, 107.0), (2, 92.0), (6, 106.0)):  # each zone's cache by itself
+        live.take_alert(alert(number), sent)
+    assert [a.id for a in live.alerts_from(0.0, "", None, None, 10).alerts] == ["a-3", "a-7", "a-6"]
 
 
 def test_a_camera_of_another_site_and_an_old_status_are_left_out(live: LiveState) -> None:
@@ -118,3 +140,10 @@ def test_a_camera_of_another_site_and_an_old_status_are_left_out(live: LiveState
     assert not live.take_status(CameraStatus(t=1.0, camera="hall-east", state="ended"), 11.0)
     assert not live.take_status(CameraStatus(t=3.0, camera="spy", state="ok"), 11.0)
     assert (live.camera("hall-east", 12.0).state, live.camera("hall-east", 12.0).age) == ("ok", 2.0)
+
+
+def test_a_camera_whose_clock_was_set_back_is_heard_at_once(live: LiveState) -> None:
+    assert live.take_status(CameraStatus(t=4000.0, camera="hall-east", state="ok"), 10.0)
+    assert live.take_status(CameraStatus(t=400.0, camera="hall-east", state="degraded"), 11.0)
+    assert live.take_status(CameraStatus(t=401.0, camera="hall-east", state="ok"), 12.0)
+    assert (live.camera("hall-east", 12.0).t, live.camera("hall-east", 12.0).age) == (401.0, 0.0)
