@@ -1,4 +1,4 @@
-"""What would a phone hear here? A seeded radio world with what path-loss models do not know: shadowing, misses, rounding.
+"""What would a phone hear here? A seeded radio world: path loss, and what path loss does not know.
 
 Received power = P0 - 10 n log10(d) + shadowing(place) + floor loss + device offset + white noise, in whole dBm, and
 weak access points are often not heard at all. The true P0 and n differ from the site file's guesses, and shadowing is
