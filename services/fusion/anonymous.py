@@ -18,7 +18,7 @@ from scipy.optimize import linear_sum_assignment
 
 from services.fusion import kalman_bank
 from services.fusion.area_view import AreaView
-from services.fusion.snapshot import pack, unpack
+from services.fusion.snapshot import unpack
 from shared.messages import DetectionFrame
 
 __all__ = ["AnonymousLayer", "AnonymousSettings", "TrackTable"]
@@ -161,13 +161,13 @@ class AnonymousLayer:
             self._give_birth(number, frame.t, positions[free], noise[free], confidence[free])
 
     def state(self) -> dict[str, Any]:
-        """Return all that is known, as JSON values."""
+        """Return a copy of all that is known."""
         return {
             "t": self.t if math.isfinite(self.t) else None,
             "next_id": self._next_id,
-            "last_frame": self._last_frame,
+            "last_frame": dict(self._last_frame),
             "ignored": self.ignored,
-            "tracks": {name: pack(getattr(self.tracks, name)) for name in _COLUMNS},
+            "tracks": {name: getattr(self.tracks, name).copy() for name in _COLUMNS},
         }
 
     def restore(self, state: dict[str, Any]) -> None:

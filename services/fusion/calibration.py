@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.snapshot import pack, unpack
+from services.fusion.snapshot import unpack
 from shared.radio import PathLoss
 
 __all__ = ["Calibration"]
@@ -94,8 +94,8 @@ class Calibration:
         return remaining
 
     def state(self) -> dict[str, Any]:
-        """Return what was learned as JSON values."""
-        return {name: pack(getattr(self, name)) for name in ("information", "evidence", "correction")}
+        """Return a copy of what was learned."""
+        return {name: getattr(self, name).copy() for name in ("information", "evidence", "correction")}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from ``state()``."""

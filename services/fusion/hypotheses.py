@@ -7,6 +7,8 @@ track that was lost near by, or that passes close: so a name survives a broken t
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import fields
 from typing import Any
 
 import msgspec
@@ -19,7 +21,7 @@ from services.fusion.identity_settings import IdentitySettings
 from services.fusion.motion_evidence import WalkFilters
 from services.fusion.path_history import PathHistory
 from services.fusion.radio_evidence import PathFilters
-from services.fusion.snapshot import pack, unpack
+from services.fusion.snapshot import unpack
 
 __all__ = ["Hypotheses"]
 
@@ -200,15 +202,13 @@ class Hypotheses:
         self.walk_filters.resize(d, k)
 
     def state(self) -> dict[str, Any]:
-        """Return all that is known, as JSON values."""
+        """Return a copy of all that is known; what free rows and columns hold means nothing and is left out."""
         return {
-            "devices": self.devices,
-            "chains": self.chains,
-            "former": {str(track): chain for track, chain in self.former.items()},
-            "arrays": {name: pack(getattr(self, name)) for name in _ARRAYS},
-            "filters": {name: pack(getattr(self.filters, name)) for name in _FILTERS},
-            "strangers": {name: pack(getattr(self.strangers, name)) for name in _FILTERS},
-            "walk_filters": {name: pack(getattr(self.walk_filters, name)) for name in _WALK_FILTERS},
+            "devices": list(self.devices),
+            "chains": [list(chain) for chain in self.chains],
+            "former": {str(track): list(chain) for track, chain in self.former.items()},
+            "arrays": {name: getattr(self, name).copy() for name in _ARRAYS},
+            "pairs": {name: array[used] for name, array, used in self._by_pair()},
             "calibration": self.calibration.state(),
             "history": self.history.state(),
         }
@@ -220,36 +220,48 @@ class Hypotheses:
             KeyError, TypeError, ValueError: it is no such state, or one of an area with other access points; nothing
                 is changed then.
         """
-        arrays = {name: unpack(state["arrays"][name]) for name in _ARRAYS}
-        filters = PathFilters(**{name: unpack(state["filters"][name]) for name in _FILTERS})
-        strangers = PathFilters(**{name: unpack(state["strangers"][name]) for name in _FILTERS})
-        walk_filters = WalkFilters(**{name: unpack(state["walk_filters"][name]) for name in _WALK_FILTERS})
-        if filters.constant.shape[2:] != self._constant_variance.shape:
-            raise msgspec.ValidationError("the access points are not those of this site")
-        history, calibration = PathHistory(), Calibration.of(self.view.radio)
-        history.restore(state["history"])
-        calibration.restore(state["calibration"])
+        fresh = Hypotheses(self.view, self.settings)
         devices = [None if device is None else str(device) for device in state["devices"]]
-        chains = [[int(track) for track in chain] for chain in state["chains"]]
-        former = {int(track): [int(one) for one in chain] for track, chain in state["former"].items()}
+        arrays = {name: unpack(state["arrays"][name]) for name in _ARRAYS}
+        if arrays["_constant_variance"].shape != self._constant_variance.shape:
+            raise msgspec.ValidationError("the access points are not those of this site")
+        fresh._grow(len(devices), len(arrays["tracks"]))
+        fresh.devices = devices
+        fresh.chains = [[int(track) for track in chain] for chain in state["chains"]]
+        fresh.former = {int(track): [int(one) for one in chain] for track, chain in state["former"].items()}
         for name, array in arrays.items():
-            setattr(self, name, array)
-        self.filters, self.strangers, self.walk_filters = filters, strangers, walk_filters
-        self.history, self.calibration = history, calibration
-        self.devices, self.chains, self.former = devices, chains, former
+            setattr(fresh, name, _of_shape(getattr(fresh, name).shape, array, name))
+        for name, array, used in fresh._by_pair():
+            array[used] = _of_shape(array[used].shape, unpack(state["pairs"][name]), name)
+        fresh.history.restore(state["history"])
+        fresh.calibration.restore(state["calibration"])
+        for name in _ALL:
+            setattr(self, name, getattr(fresh, name))
+
+    def _by_pair(self) -> Iterator[tuple[str, Array, Any]]:
+        """Yield name, array and which part is in use of all that is kept by device and hypothesis."""
+        rows = np.array([row for row, device in enumerate(self.devices) if device is not None], np.int64)
+        pairs = np.ix_(rows, np.flatnonzero(self.tracks > 0))
+        for name in ("odds", "probability", "last_place"):
+            yield name, getattr(self, name), pairs
+        for field in fields(PathFilters):
+            yield f"filters.{field.name}", getattr(self.filters, field.name), pairs
+            yield f"strangers.{field.name}", getattr(self.strangers, field.name), rows
+        for field in fields(WalkFilters):
+            used = rows if field.name == "last" else pairs
+            yield f"walk_filters.{field.name}", getattr(self.walk_filters, field.name), used
 
 
-_ARRAYS = (
-    "_constant_variance",
-    "device_seen",
-    "tracks",
-    "lost_at",
-    "place",
-    "odds",
-    "probability",
-    "last_place",
-    "given",
-    "far",
+def _of_shape(expected: tuple[int, ...], array: NDArray[Any], name: str) -> NDArray[Any]:
+    if array.shape != expected:
+        raise msgspec.ValidationError(f"{name}: shape {array.shape}, expected {expected}")
+    return array
+
+
+_ARRAYS = ("_constant_variance", "device_seen", "tracks", "lost_at", "place", "given", "far")
+"""Kept by device, by track or by access point."""
+_ALL = (
+    *_ARRAYS,
+    *("odds", "probability", "last_place", "filters", "strangers", "walk_filters"),
+    *("devices", "chains", "former", "calibration", "history"),
 )
-_FILTERS = tuple(PathFilters.__dataclass_fields__)
-_WALK_FILTERS = tuple(WalkFilters.__dataclass_fields__)

@@ -21,8 +21,8 @@ from services.fusion.association import assign, association_marginals
 from services.fusion.hypotheses import Hypotheses
 from services.fusion.identity_settings import IdentitySettings
 from services.fusion.motion_evidence import Walk, walks_of
-from services.fusion.snapshot import pack, unpack
-from shared.messages import MotionBatch, RadioScan, decode, encode
+from services.fusion.snapshot import unpack
+from shared.messages import MotionBatch, RadioScan, decode
 
 __all__ = ["IdentityLayer"]
 
@@ -278,11 +278,11 @@ class IdentityLayer(Hypotheses):
         return level.mean(axis=0), level.var(axis=0) + s.noise.shadowing**2
 
     def state(self) -> dict[str, Any]:
-        """Return all that is known, as JSON values."""
+        """Return a copy of all that is known."""
         return {
             **super().state(),
-            "waiting": [msgspec.Raw(encode(scan)) for scan in self._waiting],
-            "walks": [[device, pack(np.array(astuple(walk)))] for device, walk in self._walks],
+            "waiting": list(self._waiting),
+            "walks": [[device, np.array(astuple(walk))] for device, walk in self._walks],
             "calibrated": self._calibrated if math.isfinite(self._calibrated) else None,
             "decided": self._decided if math.isfinite(self._decided) else None,
             "dirty": self._dirty,

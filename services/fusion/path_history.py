@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.snapshot import pack, unpack
+from services.fusion.snapshot import unpack
 
 __all__ = ["PathHistory"]
 
@@ -22,6 +22,9 @@ class PathHistory:
     """A ring of times and positions; one column per track, NaN where a track was not."""
 
     def __init__(self) -> None:
+        self._reset()
+
+    def _reset(self) -> None:
         self._times = np.full(LENGTH, -math.inf)
         self._places = np.full((LENGTH, 0, 2), np.nan)
         self._next = 0
@@ -34,7 +37,7 @@ class PathHistory:
     def append(self, t: float, columns: NDArray[np.int64], places: Array, width: int) -> None:
         """Store positions (n, 2) of the tracks in ``columns`` at time ``t``; ``width`` is the number of columns."""
         if t < self.newest:
-            self.__init__()  # type: ignore[misc]
+            self._reset()
         if width > self._places.shape[1]:
             wider = np.full((LENGTH, width, 2), np.nan)
             wider[:, : self._places.shape[1]] = self._places
@@ -61,8 +64,8 @@ class PathHistory:
         return found
 
     def state(self) -> dict[str, Any]:
-        """Return the ring as JSON values."""
-        return {"times": pack(self._times), "places": pack(self._places), "next": self._next}
+        """Return a copy of the ring."""
+        return {"times": self._times.copy(), "places": self._places.copy(), "next": self._next}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from ``state()``."""

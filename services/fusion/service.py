@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter as Count
+from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar
 
@@ -62,6 +63,7 @@ class FusionService(Service[FusionSettings]):
         self._boundary = threading.Lock()
         """Held while a chunk is consumed, so that a state is always one of a chunk boundary."""
         self._saved_at, self._saved_chunk = time.monotonic(), -1
+        self._saving: threading.Thread | None = None
         self._inbox = bus.inbox()
 
     @classmethod
@@ -94,7 +96,7 @@ class FusionService(Service[FusionSettings]):
             for delivery in self._inbox.receive(timeout=self.TURN):
                 self._take(delivery)
             self._look_after()
-        self._save()
+        self._save_last()
 
     def stop(self) -> None:
         """Wake the loop so that it ends at once."""
@@ -103,14 +105,24 @@ class FusionService(Service[FusionSettings]):
 
     def answer_state(self) -> bytes:
         """Return the tracker's state at the last chunk boundary as a ``StateAnswer`` in JSON."""
+        return self._snapshot()[1]()
+
+    def _snapshot(self) -> tuple[int, Callable[[], bytes]]:
+        """Copy the tracker at the last chunk boundary; return that chunk and what encodes the copy, in any thread.
+
+        To encode takes longer than the time between two chunks may be: fusion goes on meanwhile.
+        """
         with self._boundary:
-            chunk = self._chunk
-            state = self.tracker.state()
-        return msgspec.json.encode(
-            StateAnswer(
-                chunk=chunk, tracker=self.settings.tracker, seed=self.settings.tracker_seed, state=msgspec.Raw(state)
+            chunk, encode = self._chunk, self.tracker.snapshot()
+
+        def answer() -> bytes:
+            state = msgspec.Raw(encode())
+            settings = self.settings
+            return msgspec.json.encode(
+                StateAnswer(chunk=chunk, tracker=settings.tracker, seed=settings.tracker_seed, state=state)
             )
-        )
+
+        return chunk, answer
 
     def _take(self, delivery: Delivery[Message]) -> None:
         message, trace = delivery.message, delivery.trace
@@ -179,20 +191,34 @@ class FusionService(Service[FusionSettings]):
         return None if folder is None else folder / f"fusion-{self.area}.json"
 
     def _save(self) -> None:
-        """Write the state beside the old one and swap them, so that a crash leaves one whole."""
+        """Save the state without holding fusion up; not while it is still being saved."""
         self._saved_at = time.monotonic()
         file = self._state_file
-        if file is None or self._chunk == self._saved_chunk:
+        if file is None or self._chunk == self._saved_chunk or (self._saving and self._saving.is_alive()):
             return
+        chunk, encode = self._snapshot()
+        self._saving = threading.Thread(target=self._write, args=(file, chunk, encode), name="saving", daemon=True)
+        self._saving.start()
+
+    def _save_last(self) -> None:
+        """Save the state before the process ends."""
+        if self._saving:
+            self._saving.join()
+        self._save()
+        if self._saving:
+            self._saving.join()
+
+    def _write(self, file: Path, chunk: int, encode: Callable[[], bytes]) -> None:
+        """Write the state beside the old one and swap them, so that a crash leaves one whole."""
         partial = file.with_suffix(".partial")
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
-            partial.write_bytes(self.answer_state())
+            partial.write_bytes(encode())
             partial.replace(file)
         except OSError as error:
             self.health.degraded("state", f"cannot save the state to {file}: {error.strerror}")
             return
-        self._saved_chunk = self._chunk
+        self._saved_chunk = chunk
         self.health.well("state")
 
     def _restore(self) -> None:

@@ -7,6 +7,7 @@ every tracker of ``services.fusion.registry`` to this.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -51,8 +52,12 @@ class Tracker(Protocol):
         """Consume one chunk and return everybody; what cannot be used is ignored, never an error."""
         ...
 
+    def snapshot(self) -> Callable[[], bytes]:
+        """Copy all the tracker knows, in little time; calling the result encodes the copy, in whatever thread."""
+        ...
+
     def state(self) -> bytes:
-        """Return all the tracker knows, as JSON."""
+        """Return all the tracker knows, as JSON: a snapshot, encoded."""
         ...
 
     def restore(self, state: bytes) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -12,6 +14,7 @@ from services.fusion.anonymous import AnonymousLayer, AnonymousSettings
 from services.fusion.area_view import AreaView
 from services.fusion.identity import IdentityLayer
 from services.fusion.identity_settings import IdentitySettings
+from services.fusion.snapshot import encode_snapshot
 from services.fusion.tracker import Chunk, TrackerStateError
 from shared.messages import TrackFrame, pack_covariances
 
@@ -37,9 +40,13 @@ class AnonymousTracker:
             self.positions.observe(frame)
         return self._frame(chunk)
 
+    def snapshot(self) -> Callable[[], bytes]:
+        """Copy all the tracker knows; calling the result encodes the copy."""
+        return partial(encode_snapshot, {"tracker": self.name, **self._state()})
+
     def state(self) -> bytes:
         """Return all the tracker knows, as JSON."""
-        return msgspec.json.encode({"tracker": self.name, **self._state()})
+        return self.snapshot()()
 
     def restore(self, state: bytes) -> None:
         """Go on from a state of the same tracker."""

@@ -142,6 +142,13 @@ def test_restored_in_mid_run_it_goes_on_byte_for_byte(tracker: Tracker, view: Ar
             assert encode(one) == encode(same)
 
 
+def test_a_snapshot_encoded_later_is_of_the_moment_it_was_taken(tracker: Tracker, chunks: list[Chunk]) -> None:
+    run(tracker, chunks[:100])
+    state, snapshot = tracker.state(), tracker.snapshot()
+    run(tracker, chunks[100:])
+    assert snapshot() == state != tracker.state()
+
+
 @pytest.mark.parametrize("state", [b"", b"{}", b"[1]", b'{"tracker": "another"}', b'{"tracker": "%s"}'])
 def test_a_broken_state_is_refused_and_changes_nothing(tracker: Tracker, state: bytes) -> None:
     walk_east(tracker)

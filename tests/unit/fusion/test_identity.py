@@ -7,8 +7,9 @@ import pytest
 from fusion_world import World, chunk, frame, make_site
 
 from services.fusion.area_view import AreaView
+from services.fusion.tracker import Chunk
 from services.fusion.two_layer import TwoLayerTracker
-from shared.messages import RadioScan, TrackFrame
+from shared.messages import RadioScan, TrackFrame, encode
 from shared.site import Site
 
 
@@ -126,6 +127,36 @@ def test_a_person_who_stands_still_loses_the_name_of_a_phone_that_is_silent_for_
     assert named[140] == ["a"]
     assert named[-1] == [None]
     assert tracker.identity.devices[0] is None
+
+
+def test_rows_and_columns_of_those_who_left_are_not_in_the_state_and_not_missed(site: Site) -> None:
+    """People and phones of the past leave numbers behind that must not matter to a tracker restored without them."""
+    view = AreaView.of(site, "hall")
+
+    def visit(number: int) -> Chunk:
+        t = 100.0 + number / 7
+        places = [] if 210 <= number < 900 else [[8.0 + np.sin(t), 7.0], [14.0, 7.0 + np.cos(t)], [18.0, 8.0]]
+        points = list(view.radio.names)
+        scans = [
+            RadioScan(t=t, device=f"{who}-{number // 900}", seq=number, access_point=points, rssi=level.tolist())
+            for who, level in enumerate(view.radio.rssi(np.array(places or np.zeros((0, 2)))))
+            if number % 7 == 0
+        ]
+        return chunk(frame(t, places, seq=number), scans=scans)
+
+    tracker = TwoLayerTracker(view)
+    sizes = {}
+    for number in range(900):
+        tracker.step(visit(number))
+        sizes[number] = len(tracker.state()) if number in (200, 899) else 0
+    assert set(tracker.identity.devices) == {None}
+    assert sizes[899] < 0.6 * sizes[200]
+    other = TwoLayerTracker(view)
+    other.restore(tracker.state())
+    for number in range(900, 1100):
+        assert encode(tracker.step(visit(number))) == encode(other.step(visit(number)))
+    assert tracker.state() == other.state()
+    assert any(tracker.step(visit(1100)).device)
 
 
 def test_a_broken_track_is_continued_under_the_same_name_with_its_former_id(site: Site) -> None:
