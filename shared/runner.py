@@ -26,11 +26,13 @@ from shared.keys import Keys
 from shared.settings import ServiceSettings, SettingsError, read_settings
 from shared.site import Site, SiteError, load_site
 
-__all__ = ["Health", "Service", "ServiceError", "run", "setup_logging"]
+__all__ = ["LAUNCHED", "Health", "Service", "ServiceError", "run", "setup_logging"]
 
 S = TypeVar("S", bound=ServiceSettings)
 
 STOP_WITHIN = 5.0
+LAUNCHED = "ATRIUM_LAUNCHED"
+"""Set to 1 by a launcher that holds the process's standard input open for as long as it lives."""
 log = structlog.get_logger(__name__)
 
 _problems_gauge = Gauge("atrium_problems", "Number of problems the service reports of itself")
@@ -148,6 +150,8 @@ def _live(kind: type[Service[S]], settings: S, site: Site) -> int:
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, request_stop)
+    if os.environ.get(LAUNCHED) == "1":
+        threading.Thread(target=_outlive_nobody, name="launcher watch", daemon=True).start()
     try:
         server = _serve_health(settings, health, link)
     except OSError as error:
@@ -236,6 +240,12 @@ def setup_logging(level: str, form: str, service: str = "") -> None:
     logging.basicConfig(
         level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s %(message)s", force=True
     )
+
+
+def _outlive_nobody() -> None:
+    """Stop when the launcher is gone, however it went: it alone holds the other end of our standard input."""
+    sys.stdin.buffer.read()
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _leave() -> None:

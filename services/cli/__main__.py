@@ -1,5 +1,10 @@
 """``python -m services.cli`` is the ``atrium`` command."""
 
-from services.cli.main import main
+import sys
 
-main()
+try:
+    from services.cli.main import main
+
+    main()
+except KeyboardInterrupt:  # also while the libraries are still being loaded
+    sys.exit(130)

@@ -15,6 +15,8 @@ from typing import IO
 
 import httpx
 
+from shared.runner import LAUNCHED
+
 __all__ = ["Launcher", "LauncherError", "ProcessSpec"]
 
 STOP_WITHIN = 6.0
@@ -118,6 +120,10 @@ class Launcher:
             elif time.monotonic() >= process.restart_at:
                 self._spawn(process)
 
+    def processes(self) -> dict[str, int]:
+        """Return the process ids."""
+        return {name: p.popen.pid for name, p in self._processes.items() if p.popen is not None}
+
     def running(self) -> dict[str, bool]:
         """Return which processes are running now."""
         return {name: p.popen is not None and p.popen.poll() is None for name, p in self._processes.items()}
@@ -138,7 +144,8 @@ class Launcher:
             except subprocess.TimeoutExpired:
                 process.popen.kill()
                 status = process.popen.wait()
-            statuses[process.spec.name] = status
+            # One that had not yet begun to listen to signals when it was told to stop has stopped as well.
+            statuses[process.spec.name] = 0 if status == -signal.SIGTERM else status
         if self._log_file is not None:
             self._log_file.flush()
         return statuses
@@ -151,12 +158,13 @@ class Launcher:
             **spec.environment,
             "ATRIUM_HEALTH_PORT": str(spec.health_port),
             "PYTHONUNBUFFERED": "1",
+            LAUNCHED: "1",
         }
         process.restart_at = 0.0
         process.popen = subprocess.Popen(  # noqa: S603 (our own modules)
             [sys.executable, "-m", spec.module],
             env=environment,
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,  # never written to: its end tells the process that the launcher is gone
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -22,7 +22,7 @@ from services.cli import replay as player
 from services.cli.demo import API_KEY, Demo, Ports, find_site
 from services.cli.launcher import LauncherError
 from services.cli.recorder import record as record_bus
-from services.cli.recording import Recording, RecordingError
+from services.cli.recording import Recording, RecordingError, check_writable
 from shared.bus import Bus, BusError
 from shared.settings import DEFAULT_ENDPOINT
 from shared.site import SiteError, load_site
@@ -63,6 +63,8 @@ def demo(
     status = 0
     try:
         site_file = find_site(site)
+        if record is not None:
+            check_writable(record)
         ports = Ports.free() if free_ports else Ports()
         if taken := ports.taken():
             raise LauncherError(f"in use already: {', '.join(taken)}; stop what listens there or add --free-ports")
@@ -71,13 +73,16 @@ def demo(
             if record is not None:
                 recording = _record_in_thread(running, record, stopping)
             running.start(stopping=stopping)
-        _introduce(running, dashboard)
-        if open_browser and dashboard:
-            webbrowser.open(running.dashboard_url)
-        _watch(running, stopping, seconds)
-    except (LauncherError, SiteError, BusError) as error:
+        if stopping.is_set():
+            console.print("stopped before everything was up")
+        else:
+            _introduce(running, dashboard)
+            if open_browser and dashboard:
+                webbrowser.open(running.dashboard_url)
+            _watch(running, stopping, seconds)
+    except (LauncherError, RecordingError, SiteError, BusError) as error:
         console.print(f"[red]{escape(str(error))}[/red]")
-        status = 1
+        status = 2 if isinstance(error, SiteError) else 1
     finally:
         stopping.set()
         if recording is not None:
@@ -119,6 +124,7 @@ def record(
         _after(seconds, stopping.set)
     try:
         site_file = find_site(site)
+        check_writable(out)
         with Bus([bus], wait=ROUTER_WITHIN) as session, console.status("recording …") as line:
 
             def progress(counts: dict[str, int]) -> None:
@@ -126,7 +132,7 @@ def record(
                 line.update(f"recording into {out}: {shown}")
 
             counts = record_bus(session, load_site(site_file), site_file, out, stopping, progress)
-    except (LauncherError, SiteError, BusError, OSError) as error:
+    except (LauncherError, RecordingError, SiteError, BusError, OSError) as error:
         console.print(f"[red]{escape(str(error))}[/red]")
         raise typer.Exit(1) from error
     console.print(f"{out}: " + ", ".join(f"{count} {name}" for name, count in sorted(counts.items())))
@@ -202,7 +208,7 @@ def check_site(site: Annotated[str, typer.Argument(help="a shipped site's name, 
         found = load_site(path)
     except (LauncherError, SiteError) as error:
         console.print(f"[red]{escape(str(error))}[/red]")
-        raise typer.Exit(1) from error
+        raise typer.Exit(2) from error
     console.print(f"{path}: good. Site [bold]{found.site}[/bold] ({found.name})")
     for floor in found.floors:
         console.print(f"  floor {floor.id}: level {floor.level}, {floor.plan().outline.area:.0f} m²")
@@ -216,7 +222,10 @@ def check_site(site: Annotated[str, typer.Argument(help="a shipped site's name, 
 
 def main() -> None:
     """Run the command line."""
-    app()
+    try:
+        app()
+    except KeyboardInterrupt:
+        sys.exit(130)
 
 
 def _python(*arguments: str) -> int:

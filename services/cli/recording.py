@@ -36,7 +36,7 @@ from shared.messages import (
     encode,
 )
 
-__all__ = ["RECORDED_KINDS", "Consumed", "Recorded", "Recording", "RecordingError", "RecordingWriter"]
+__all__ = ["RECORDED_KINDS", "Consumed", "Recorded", "Recording", "RecordingError", "RecordingWriter", "check_writable"]
 
 RECORDED_KINDS: dict[str, type[Message]] = {
     kind.__name__: kind for kind in (DetectionFrame, CameraStatus, RadioScan, MotionBatch, ChunkMark, TrackFrame, Alert)
@@ -75,11 +75,22 @@ class Consumed:
     process: str
 
 
+def check_writable(path: Path) -> None:
+    """Refuse a file that cannot be written, before anything is started for it.
+
+    Raises:
+        RecordingError: naming the file and the reason.
+    """
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error
+
+
 class RecordingWriter:
     """Writes one recording; use as a context manager so that the file is finished properly."""
 
     def __init__(self, path: Path, site: str, site_file: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
         self.counts: Counter[str] = Counter()
         self._file = path.open("wb")
         self._writer = Writer(self._file, chunk_size=256 * 1024)

@@ -29,6 +29,7 @@ class Verdict:
     missing_inputs: int
     unrecorded: int
     after_restart: int
+    truncated: bool
 
     @property
     def identical(self) -> bool:
@@ -46,6 +47,8 @@ class Verdict:
             words += f"; {self.missing_inputs} inputs are missing from the recording"
         if self.after_restart:
             words += f"; fusion was started anew, {self.after_restart} chunks after that are not compared"
+        if self.truncated:
+            words += "; the file ends in the middle, what followed is lost"
         if self.unrecorded:
             words += f"; {self.unrecorded} frames were not recorded"
         return words
@@ -121,7 +124,7 @@ def _verify_area(recording: Recording, site: Site, area: str) -> Verdict:
         if not _same(frame, consumed.tracks):
             different += 1
             first_difference = frame.chunk if first_difference is None else first_difference
-    return Verdict(area, frames, different, first_difference, missing, unrecorded, after_restart)
+    return Verdict(area, frames, different, first_difference, missing, unrecorded, after_restart, recording.truncated)
 
 
 def _same(one: TrackFrame, other: TrackFrame) -> bool:
