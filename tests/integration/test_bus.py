@@ -132,6 +132,72 @@ def test_overtaken_sensor_frames_are_dropped_oldest_first_and_counted(join: Call
     assert found == [scan(0), frame(4), frame(5)]  # the reliable scan stayed
 
 
+def test_a_reader_that_fell_behind_finds_the_newest_few_of_every_key(join: Callable[[], Bus]) -> None:
+    bus = join()
+    inbox = bus.inbox()
+    inbox.subscribe(KEYS.detections(), DetectionFrame, newest=True, depth=2)
+    inbox.subscribe(KEYS.radio(), RadioScan)
+    busy, calm = (bus.publisher(KEYS.detections(camera), DetectionFrame) for camera in ("busy", "calm"))
+    scans = bus.publisher(KEYS.radio("d"), RadioScan)
+    before = dropped(DetectionFrame, "overtaken")
+    calm.publish(frame(0))
+    for number in range(100):
+        busy.publish(frame(number))
+        scans.publish(scan(number))
+    calm.publish(frame(1))
+    wait_until(lambda: dropped(DetectionFrame, "overtaken") == before + 98, 5.0, "98 frames to be overtaken")
+    waiting_in(inbox, 104)
+    found = inbox.receive(1.0)
+    assert [d.message.t for d in found if d.key == KEYS.detections("busy")] == [98.0, 99.0]
+    assert [d.message.t for d in found if d.key == KEYS.detections("calm")] == [0.0, 1.0]
+    assert [d.message for d in found if d.key == KEYS.radio("d")] == [scan(number) for number in range(100)]
+
+
+def test_by_default_a_handful_of_frames_of_a_key_waits(join: Callable[[], Bus]) -> None:
+    bus = join()
+    inbox = bus.inbox()
+    inbox.subscribe(KEYS.detections(), DetectionFrame, newest=True)
+    publisher = bus.publisher(KEYS.detections("c"), DetectionFrame)
+    before = dropped(DetectionFrame, "overtaken")
+    for number in range(100):
+        publisher.publish(frame(number))
+    wait_until(lambda: dropped(DetectionFrame, "overtaken") == before + 92, 5.0, "all but eight to be overtaken")
+    assert [delivery.message for delivery in inbox.receive(1.0)] == [frame(number) for number in range(92, 100)]
+
+
+def test_what_was_dropped_here_is_not_counted_again_as_a_gap(join: Callable[[], Bus]) -> None:
+    bus = join()
+    inbox = bus.inbox()
+    inbox.subscribe(KEYS.detections(), DetectionFrame, newest=True, depth=2)
+    publisher = bus.publisher(KEYS.detections("c"), DetectionFrame)
+    overtaken, gap = dropped(DetectionFrame, "overtaken"), dropped(DetectionFrame, "gap")
+    publisher.publish(frame(0))
+    assert collect(inbox, 1) == [frame(0)]
+    for number in (1, 2, 3, 4, 6, 7):  # 5 is lost on its way
+        publisher.publish(frame(number))
+    wait_until(lambda: dropped(DetectionFrame, "overtaken") == overtaken + 4, 5.0, "four frames to be overtaken")
+    assert collect(inbox, 2) == [frame(6), frame(7)]
+    assert dropped(DetectionFrame, "gap") == gap + 1
+    bus._session.put(KEYS.detections("c"), b"rubbish")
+    publisher.publish(frame(9))
+    assert collect(inbox, 1) == [frame(9)]
+    assert dropped(DetectionFrame, "gap") == gap + 1
+
+
+def test_a_full_queue_of_reliable_messages_costs_its_senders_no_time(join: Callable[[], Bus]) -> None:
+    bus = join()
+    inbox = bus.inbox(capacity=10_000)
+    inbox.subscribe(KEYS.radio(), RadioScan)
+    publisher = bus.publisher(KEYS.radio("d"), RadioScan)
+    before = dropped(RadioScan, "queue full")
+    for number in range(20_000):
+        publisher.publish(scan(number))
+    wait_until(lambda: dropped(RadioScan, "queue full") == before + 10_000, 20.0, "ten thousand drops")
+    gap = dropped(RadioScan, "gap")
+    assert [delivery.message.t for delivery in inbox.receive(1.0)] == [float(n) for n in range(10_000, 20_000)]
+    assert dropped(RadioScan, "gap") == gap
+
+
 def test_a_full_queue_of_reliable_messages_drops_the_oldest_and_counts_it(join: Callable[[], Bus]) -> None:
     bus = join()
     inbox = bus.inbox(capacity=2)
