@@ -22,6 +22,7 @@ from starlette.exceptions import HTTPException
 
 from services.gateway.enrolment import AttemptLimiter, key_of, qr_svg, qr_text, same_key
 from services.gateway.errors import RequestError, read_json, refuse
+from services.gateway.known_tokens import KnownTokens
 from services.gateway.openapi import answers, complete, takes
 from services.gateway.own_position import OwnPositions
 from services.gateway.phone_book import PhoneBook, busy
@@ -71,7 +72,7 @@ def create_app(gateway: Gateway) -> FastAPI:
     limiter = AttemptLimiter(settings.enrolments_per_minute, settings.enrolment_burst)
     workers = ThreadPoolExecutor(2, "phones")  # dead reckoning and the bus never hold the event loop
     places = threading.BoundedSemaphore(WAITING_BATCHES)
-    known: dict[str, Registered] = {}  # tokens seen since start, so that a batch costs no query
+    known = KnownTokens(settings.token_recheck)
 
     @asynccontextmanager
     async def life(_app: FastAPI) -> AsyncIterator[None]:
@@ -101,7 +102,7 @@ def create_app(gateway: Gateway) -> FastAPI:
             # A query under way while the consent was withdrawn must not bring a dead token back.
             if found is None or gateway.phones.has_forgotten(found.id):
                 _refuse_token()
-            known[token] = found
+            known.remember(token, found)
         if found.id != device:
             if await work(gateway.store.exists, device):
                 refuse("device", "the token is another device's", status=403)
@@ -209,7 +210,7 @@ def create_app(gateway: Gateway) -> FastAPI:
         await whose(request, device)
         await work(gateway.store.withdraw, device, time.time())
         await work(gateway.phones.forget, device)
-        known.pop(_bearer(request), None)  # after forgetting: a query that ended before that has been cached
+        known.forget(_bearer(request))  # after forgetting: a query that ended before that has been cached
         gateway.positions.forget(device)
         WITHDRAWN.inc()
         log.info("consent withdrawn", device=device)

@@ -42,6 +42,9 @@ class GatewaySettings(ServiceSettings):
     batch_age: float = Field(3600.0, gt=0, description="oldest measurement accepted, seconds before it is sent")
     enrolments_per_minute: float = Field(60.0, gt=0, description="of one client address; a wrong key counts tenfold")
     enrolment_burst: int = Field(200, ge=10, description="enrolments at once, of one client address")
+    token_recheck: float = Field(
+        60.0, gt=0, le=3600, description="seconds after which the database is asked again whose token it is"
+    )
     phone_idle: float = Field(300.0, gt=0, description="seconds of silence after which a phone's walk is forgotten")
     position_kept: float = Field(60.0, gt=0, description="seconds a phone is told its last position")
 

@@ -5,11 +5,12 @@ import math
 import os
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -428,6 +429,18 @@ def test_a_restart_keeps_the_enrolled(alone: Callable[..., Running], zenoh_route
     wait_until(lambda: is_ready(second), 30, "the gateway to be ready again")
     phone.http = second.http
     assert phone.post(phone.batch(0)).status_code == 200
+
+
+def test_a_consent_withdrawn_elsewhere_ends_the_token_here_too(
+    alone: Callable[..., Running], zenoh_router: str
+) -> None:
+    running = alone(zenoh_router, ATRIUM_TOKEN_RECHECK="0.2")
+    wait_until(lambda: is_ready(running), 30, "the gateway to be ready")
+    phone = Phone(running)
+    assert phone.post(phone.batch(0)).status_code == 200
+    with closing(sqlite3.connect(running.database)) as database, database:
+        database.execute("UPDATE gateway_devices SET revoked = 1.0, token_sha256 = NULL")
+    wait_until(lambda: phone.post(phone.batch(1)).status_code == 401, 10, "the token to be refused")
 
 
 def test_guessing_the_key_is_stopped(alone: Callable[..., Running], zenoh_router: str) -> None:
