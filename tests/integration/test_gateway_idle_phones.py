@@ -74,6 +74,45 @@ def test_a_bus_that_is_gone_keeps_the_batch_for_the_next_try(zenoh_router: str, 
     assert len(phones._entries[DEVICE.id].phone.outbox) == 1
 
 
+class LosingBus(Bus):
+    """A bus that is seen to be away right after the next publication, once."""
+
+    lose = False
+    published = 0
+
+    @property
+    def connected(self) -> bool:
+        if self.lose and self.published:
+            self.lose = False
+            return False
+        self.published += self.lose
+        return super().connected
+
+
+def test_what_is_published_again_after_the_bus_went_away_keeps_its_number(zenoh_router: str, site_file: Path) -> None:
+    site = load_site(site_file)
+    with LosingBus([zenoh_router]) as bus:
+        inbox = bus.inbox()
+        inbox.subscribe(f"atrium/1/{site.site}/device/*/radio", RadioScan)
+        phones = PhoneBook(site, bus, Limits(), idle=10.0)
+        phones.post(DEVICE, body(0), time.time())
+        bus.lose = True
+        with pytest.raises(RequestError) as caught:
+            phones.post(DEVICE, body(1), time.time())
+        assert caught.value.status == 503
+        assert phones.post(DEVICE, body(1), time.time()).duplicate
+        phones.post(DEVICE, body(2), time.time())
+        received: list[RadioScan] = []
+
+        def heard() -> bool:
+            received.extend(d.message for d in inbox.receive(0.1) if isinstance(d.message, RadioScan))
+            return len(received) >= 4
+
+        wait_until(heard, 5, "three scans, one of them twice")
+        assert [scan.seq for scan in received] == [0, 1, 1, 2]
+        assert received[1] == received[2]
+
+
 def test_a_forgotten_phone_is_not_taken_in_again_by_a_batch_that_was_on_its_way(
     zenoh_router: str, site_file: Path
 ) -> None:
