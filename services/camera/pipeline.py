@@ -39,7 +39,7 @@ class Pipeline:
 
     @property
     def state(self) -> Literal["learning", "ready"]:
-        """The detector's state; ``learning`` before the first picture."""
+        """The detector's state, for operators; ``learning`` before the first picture."""
         return "learning" if self._detector is None else self._detector.state
 
     @property

@@ -113,6 +113,9 @@ class CameraService(Service[CameraSettings]):
         camera = self._camera.id
         if frame.seq == 0:
             self._status.begin_pass(frame.pass_origin)
+            if not self._source.live:
+                # The first picture does not follow the last one: who stands there now did not walk in.
+                self._pipeline.reset()
         with DETECT_SECONDS.labels(camera).time():
             found = self._pipeline.process(frame.image, frame.t)
         message = to_message(camera, self._floor, self._seq, frame.t, found)
@@ -133,7 +136,8 @@ class CameraService(Service[CameraSettings]):
             self._status.change("degraded", doubt)
         else:
             self.health.well("picture size")
-            self._status.change("ok")
+            learning = self._pipeline.state == "learning"
+            self._status.change("ok", "learning the background: people may be missed" if learning else "")
         self._status.refresh()
 
     def _fail(self, error: SourceError) -> None:

@@ -34,7 +34,7 @@ class StatusBoard:
         self._published = -REFRESH
 
     def change(self, state: State, reason: str = "") -> None:
-        """Publish a new state, if it is one."""
+        """Publish a new state, or a new reason for it, if it is one."""
         if (state, reason) != (self._state, self._reason):
             self._state, self._reason = state, reason
             self._publish()

@@ -167,6 +167,26 @@ def test_nothing_is_played_before_somebody_subscribes_when_asked_to_wait(
     watcher.until(lambda: len(watcher.frames) == COUNT, "all frames")
 
 
+def test_a_camera_that_learns_its_background_says_so_and_a_new_pass_learns_it_anew(
+    watcher: Watcher, site_file: Callable[..., Path], tmp_path: Path
+) -> None:
+    """The figure of the pass before's end must leave no hole where it stood, nor a ghost: passes are alike."""
+    path = tmp_path / "slow.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 5.0, (320, 240))
+    for number in range(COUNT):
+        writer.write(picture(number))
+    writer.release()
+    watcher.listen()
+    watcher.start(site_file(file=str(path), loop=True), "--pace", "fast")
+    watcher.until(lambda: len(watcher.frames) >= 3 * COUNT, "three passes")
+    passes = [watcher.frames[start : start + COUNT] for start in range(0, 3 * COUNT, COUNT)]
+    assert [frame.x for frame in passes[1]] == [frame.x for frame in passes[0]]
+    assert [frame.x for frame in passes[2]] == [frame.x for frame in passes[0]]
+    told = [(status.state, "learning" in status.reason) for status in watcher.statuses if status.state == "ok"]
+    assert ("ok", True) in told
+    assert ("ok", False) in told
+
+
 def test_an_unreachable_stream_is_degraded_until_it_comes_and_again_when_it_dies(
     watcher: Watcher, site_file: Callable[..., Path], free_port: int
 ) -> None:
