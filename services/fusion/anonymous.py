@@ -8,6 +8,7 @@ cameras deliver anything from 2 to 30 frames a second.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -18,13 +19,15 @@ from scipy.optimize import linear_sum_assignment
 
 from services.fusion import kalman_bank
 from services.fusion.area_view import AreaView
-from services.fusion.snapshot import unpack
+from services.fusion.snapshot import counts, unpack
 from shared.messages import DetectionFrame
 
 __all__ = ["AnonymousLayer", "AnonymousSettings", "TrackTable"]
 
 Array = NDArray[np.float64]
 
+MOST_CAMERAS = 63
+"""Which cameras fed a track is kept as bits of a signed 64-bit integer."""
 FORBIDDEN = 1e6
 """Cost of a pair outside the gate; larger than any sum of costs inside."""
 
@@ -124,6 +127,8 @@ class AnonymousLayer:
     """Tracks of one area; feed it frames in the order they were consumed."""
 
     def __init__(self, view: AreaView, settings: AnonymousSettings | None = None) -> None:
+        if len(view.views) > MOST_CAMERAS:
+            raise ValueError(f"area {view.area!r} has {len(view.views)} cameras; allowed: at most {MOST_CAMERAS}")
         self.view = view
         self.settings = settings or AnonymousSettings()
         self.cameras = sorted(view.views)
@@ -132,7 +137,7 @@ class AnonymousLayer:
         self.t = -math.inf
         self._next_id = 1
         self._last_frame: dict[str, float] = {}
-        self.ignored = 0
+        self.ignored: Counter[str] = Counter()
 
     def begin_chunk(self) -> None:
         """Forget which cameras fed the tracks before."""
@@ -142,7 +147,7 @@ class AnonymousLayer:
         """Take in what one camera saw."""
         number = self._camera_number.get(frame.camera)
         if number is None or frame.floor != self.view.floor or not math.isfinite(frame.t):
-            self.ignored += 1
+            self.ignored["frame of an unknown camera or floor"] += 1
             return
         known, s = math.isfinite(self.t), self.settings
         if known and (frame.t - self.t > s.forget or frame.t < self.t - s.set_back):
@@ -166,7 +171,7 @@ class AnonymousLayer:
             "t": self.t if math.isfinite(self.t) else None,
             "next_id": self._next_id,
             "last_frame": dict(self._last_frame),
-            "ignored": self.ignored,
+            "ignored": dict(self.ignored),
             "tracks": {name: getattr(self.tracks, name).copy() for name in _COLUMNS},
         }
 
@@ -177,7 +182,7 @@ class AnonymousLayer:
             KeyError, TypeError, ValueError: it is no such state.
         """
         table = TrackTable(**{name: unpack(state["tracks"][name]) for name in _COLUMNS})
-        t, next_id, ignored = state["t"], int(state["next_id"]), int(state["ignored"])
+        t, next_id, ignored = state["t"], int(state["next_id"]), counts(state["ignored"])
         last_frame = {str(camera): float(when) for camera, when in state["last_frame"].items()}
         if {len(getattr(table, name)) for name in _COLUMNS} != {len(table.ids)}:
             raise msgspec.ValidationError("track columns of different lengths")
@@ -198,7 +203,7 @@ class AnonymousLayer:
             usable = np.isfinite(rows).all(axis=1) & (xx > 0.0) & (yy > 0.0) & (xx * yy > xy * xy)
             usable &= ((rows[:, :2] >= self.view.lower) & (rows[:, :2] <= self.view.upper)).all(axis=1)
             if not usable.all():
-                self.ignored += int(len(rows) - usable.sum())
+                self.ignored["detection off the floor or without an extent"] += int(len(rows) - usable.sum())
                 rows = rows[usable]
             if len(rows) > 1:
                 rows = rows[np.lexsort(rows.T)]
@@ -257,7 +262,7 @@ class AnonymousLayer:
         tracks.hits[rows] += 1
         tracks.score[rows] += weight
         tracks.camera[rows] = camera
-        tracks.fed[rows] |= 1 << min(camera, 62)
+        tracks.fed[rows] |= 1 << camera
         if not tracks.confirmed.all():
             tracks.confirmed |= (
                 (tracks.score >= s.confirm_confidence)
@@ -306,7 +311,7 @@ class AnonymousLayer:
                 confirmed=np.zeros(count, np.bool_),
                 quality=np.full(count, 0.5),
                 camera=np.full(count, camera),
-                fed=np.full(count, 1 << min(camera, 62)),
+                fed=np.full(count, 1 << camera),
             )
         )
         self._next_id += count

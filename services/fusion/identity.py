@@ -9,6 +9,7 @@ continue one that was lost near by, and evidence fades as the path goes on; stan
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import astuple
 from typing import Any
 
@@ -21,7 +22,7 @@ from services.fusion.association import assign, association_marginals
 from services.fusion.hypotheses import Hypotheses
 from services.fusion.identity_settings import IdentitySettings
 from services.fusion.motion_evidence import Walk, walks_of
-from services.fusion.snapshot import unpack
+from services.fusion.snapshot import counts, unpack
 from shared.messages import MotionBatch, RadioScan, decode
 
 __all__ = ["IdentityLayer"]
@@ -37,7 +38,7 @@ class IdentityLayer(Hypotheses):
         self._column_of_point = {name: index for index, name in enumerate(view.radio.names)}
         super().__init__(view, settings)
         self._elsewhere, self._elsewhere_variance = self._anywhere()
-        self.ignored = 0
+        self.ignored: Counter[str] = Counter()
 
     def _start(self) -> None:
         super()._start()
@@ -92,13 +93,13 @@ class IdentityLayer(Hypotheses):
             if name in self._column_of_point and -120.0 <= level <= 0.0
         }
         if not readings:
-            self.ignored += 1
+            self.ignored["radio without a known access point"] += 1
             return False
         row = self.row(scan.device)
         elapsed = float(scan.t - self.device_seen[row])
         if elapsed <= 0.0:
             # Told again (after a lost connection, say): what it said must not count twice.
-            self.ignored += 1
+            self.ignored["radio told again or out of order"] += 1
             return False
         self.device_seen[row] = scan.t
         heard = np.array(sorted(readings))
@@ -151,7 +152,7 @@ class IdentityLayer(Hypotheses):
 
     def _note_walk(self, batch: MotionBatch) -> None:
         if not (math.isfinite(batch.t_start) and math.isfinite(batch.t)):
-            self.ignored += 1
+            self.ignored["motion without a time"] += 1
             return
         walks = walks_of(batch.t_start, batch.t, batch.step_t, batch.length, batch.heading, batch.heading_variance)
         self._walks.extend((batch.device, walk) for walk in walks)
@@ -286,7 +287,7 @@ class IdentityLayer(Hypotheses):
             "calibrated": self._calibrated if math.isfinite(self._calibrated) else None,
             "decided": self._decided if math.isfinite(self._decided) else None,
             "dirty": self._dirty,
-            "ignored": self.ignored,
+            "ignored": dict(self.ignored),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -296,7 +297,7 @@ class IdentityLayer(Hypotheses):
         calibrated, decided = (
             -math.inf if state[name] is None else float(state[name]) for name in ("calibrated", "decided")
         )
-        dirty, ignored = bool(state["dirty"]), int(state["ignored"])
+        dirty, ignored = bool(state["dirty"]), counts(state["ignored"])
         super().restore(state)
         self._waiting, self._walks, self._dirty, self.ignored = waiting, walks, dirty, ignored
         self._calibrated, self._decided = calibrated, decided

@@ -13,6 +13,7 @@ import msgspec
 import structlog
 from prometheus_client import Counter, Gauge, Histogram
 
+from services.fusion.anonymous import MOST_CAMERAS
 from services.fusion.area_view import AreaView
 from services.fusion.chunks import Chunker, ChunkerSettings, Closed
 from services.fusion.registry import TRACKERS, make_tracker
@@ -59,6 +60,7 @@ class FusionService(Service[FusionSettings]):
         self._frames_seen = dict.fromkeys(self._cameras, time.monotonic())
         self._silent: set[str] = set()
         self._dropped: Count[str] = Count()
+        """What was dropped so far, by reason, as far as it is exported."""
         self._chunk = -1
         self._boundary = threading.Lock()
         """Held while a chunk is consumed, so that a state is always one of a chunk boundary."""
@@ -68,8 +70,14 @@ class FusionService(Service[FusionSettings]):
 
     @classmethod
     def check(cls, settings: FusionSettings, site: Site) -> None:
-        """Refuse an area or a tracker that does not exist."""
-        _area_of(settings, site)
+        """Refuse an area or a tracker that does not exist, and an area of more cameras than a tracker can tell."""
+        area = _area_of(settings, site)
+        cameras = len(site.cameras_of(area))
+        if cameras > MOST_CAMERAS:
+            raise SettingsError(
+                f"area: {area!r} has {cameras} cameras in {settings.site_file}; allowed: at most {MOST_CAMERAS}; "
+                "cut it into several areas"
+            )
         if settings.tracker not in TRACKERS:
             raise SettingsError(
                 f"tracker: {settings.tracker!r} is no tracker; allowed: {', '.join(sorted(TRACKERS))}; "
@@ -159,10 +167,12 @@ class FusionService(Service[FusionSettings]):
         TRACKS.set(len(frame.track))
 
     def _look_after(self) -> None:
-        """Count what the chunker dropped, tell which cameras are silent, save the state when it is time."""
-        for reason, count in self.chunker.dropped.items():
+        """Count what was dropped, tell which cameras are silent, save the state when it is time."""
+        dropped = Count(self.chunker.dropped)
+        dropped.update(self.tracker.ignored())
+        for reason, count in dropped.items():
             self._drop(reason, count - self._dropped[reason])
-        self._dropped = Count(self.chunker.dropped)
+        self._dropped = dropped
         now = time.monotonic()
         for camera, seen in self._frames_seen.items():
             silent = now - seen
@@ -234,6 +244,7 @@ class FusionService(Service[FusionSettings]):
             log.warning("starting without the saved state", file=str(file), reason=str(error))
             return
         self._chunk = self._saved_chunk = saved.chunk
+        self._dropped = Count(self.tracker.ignored())
         self.chunker.resume_after(saved.chunk)
         log.info("state restored", file=str(file), chunk=saved.chunk)
 

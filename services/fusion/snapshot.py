@@ -8,13 +8,14 @@ from __future__ import annotations
 import base64
 import binascii
 import zlib
+from collections import Counter
 from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["encode_snapshot", "pack", "unpack"]
+__all__ = ["counts", "encode_snapshot", "pack", "unpack"]
 
 
 def encode_snapshot(snapshot: Any) -> bytes:
@@ -33,6 +34,15 @@ def pack(array: Any) -> dict[str, Any]:
     # Estimates hardly compress, but what was never heard does, and the lightest level costs little.
     data = zlib.compress(np.ascontiguousarray(array).data, 1)
     return {"type": array.dtype.str, "shape": list(array.shape), "data": data}
+
+
+def counts(value: Any) -> Counter[str]:
+    """Return counts by reason as a state holds them.
+
+    Raises:
+        AttributeError, TypeError, ValueError: the value is no such thing.
+    """
+    return Counter({str(reason): int(count) for reason, count in value.items()})
 
 
 def unpack(value: Any) -> NDArray[Any]:

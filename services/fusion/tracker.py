@@ -52,6 +52,10 @@ class Tracker(Protocol):
         """Consume one chunk and return everybody; what cannot be used is ignored, never an error."""
         ...
 
+    def ignored(self) -> dict[str, int]:
+        """Return how much could not be used so far, by reason in plain words."""
+        ...
+
     def snapshot(self) -> Callable[[], bytes]:
         """Copy all the tracker knows, in little time; calling the result encodes the copy, in whatever thread."""
         ...

@@ -40,6 +40,10 @@ class AnonymousTracker:
             self.positions.observe(frame)
         return self._frame(chunk)
 
+    def ignored(self) -> dict[str, int]:
+        """Return how much could not be used so far, by reason."""
+        return dict(self.positions.ignored)
+
     def snapshot(self) -> Callable[[], bytes]:
         """Copy all the tracker knows; calling the result encodes the copy."""
         return partial(encode_snapshot, {"tracker": self.name, **self._state()})
@@ -130,6 +134,10 @@ class TwoLayerTracker(AnonymousTracker):
                 self.positions.t, tracks.ids[sure], tracks.mean[sure, :2], chunk.scans, chunk.motions
             )
         return self._frame(chunk)
+
+    def ignored(self) -> dict[str, int]:
+        """Return how much could not be used so far, by reason."""
+        return {**super().ignored(), **self.identity.ignored}
 
     def _name(self, columns: dict[str, Any]) -> None:
         layer = self.identity

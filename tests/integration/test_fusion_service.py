@@ -335,11 +335,24 @@ def test_what_is_dropped_is_counted_by_reason(zenoh_router: str, start: Start) -
         stage = Stage(bus)
         stage.until_tracked()
         west = bus.publisher(KEYS.detections("west"), DetectionFrame)
+        east = bus.publisher(KEYS.detections("east"), DetectionFrame)
+        radio = bus.publisher(KEYS.radio("phone"), RadioScan)
+        reasons = (
+            "time went backwards",
+            "detection off the floor or without an extent",
+            "radio without a known access point",
+        )
 
         def counted() -> bool:
             west.publish(frame(stage.t0 - 3600.0))
+            # What a tracker cannot use, on the way in as well: a person off the floor, a stranger's access point.
+            number = next(stage._number)
+            t = stage.t0 + number / 10
+            radio.publish(RadioScan(t=t - 0.05, device="phone", seq=number, access_point=["stranger"], rssi=[-50.0]))
+            for name, publisher in (("west", west), ("east", east)):
+                publisher.publish(frame(t, [(6.0, 7.0), (999.0, 7.0)], name, number))
             text = get(port, "/metrics")[1]
-            return 'atrium_fusion_dropped_total{reason="time went backwards"}' in text
+            return all(f'atrium_fusion_dropped_total{{reason="{reason}"}}' in text for reason in reasons)
 
         wait_until(counted, DEADLINE, "the count")
 
