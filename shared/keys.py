@@ -58,6 +58,10 @@ class Keys:
         """Alert, reliable, cached."""
         return f"{self.root}/alert/{_part(zone)}"
 
+    def erasure(self, device: str = "*") -> str:
+        """Erasure, reliable: who withdrew consent."""
+        return f"{self.root}/erasure/{_part(device)}"
+
     def alive(self, service: str = "*", instance: str = "*") -> str:
         """Liveliness token of one running service."""
         return f"{self.root}/alive/{_part(service)}/{_part(instance)}"

@@ -20,6 +20,7 @@ __all__ = [
     "CameraStatus",
     "ChunkMark",
     "DetectionFrame",
+    "Erasure",
     "GroundTruth",
     "InertialColumns",
     "Message",
@@ -215,6 +216,12 @@ class Alert(Message, frozen=True, kw_only=True):
     x: float
     y: float
     device: str | None = None
+
+
+class Erasure(Message, frozen=True, kw_only=True):
+    """A device's consent was withdrawn: everybody forgets which track it was on, from now on."""
+
+    device: str
 
 
 class GroundTruth(Message, frozen=True, kw_only=True):

@@ -24,6 +24,7 @@ from services.cli.launcher import LauncherError
 from services.cli.recorder import record as record_bus
 from services.cli.recording import Recording, RecordingError, check_writable
 from shared.bus import Bus, BusError
+from shared.runner import ServiceError
 from shared.settings import DEFAULT_ENDPOINT
 from shared.site import SiteError, load_site
 
@@ -196,7 +197,11 @@ def migrate() -> None:
     from services.gateway.settings import default_database_url
     from services.gateway.storage import migrate as migrate_gateway
 
-    migrate_gateway(default_database_url())
+    try:
+        migrate_gateway(default_database_url())
+    except ServiceError as error:
+        console.print(f"[red]{escape(str(error))}[/red]")
+        raise typer.Exit(1) from None
     console.print("databases are up to date")
 
 

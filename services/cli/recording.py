@@ -28,6 +28,7 @@ from shared.messages import (
     CameraStatus,
     ChunkMark,
     DetectionFrame,
+    Erasure,
     Message,
     MotionBatch,
     RadioScan,
@@ -39,9 +40,10 @@ from shared.messages import (
 __all__ = ["RECORDED_KINDS", "Consumed", "Recorded", "Recording", "RecordingError", "RecordingWriter", "check_writable"]
 
 RECORDED_KINDS: dict[str, type[Message]] = {
-    kind.__name__: kind for kind in (DetectionFrame, CameraStatus, RadioScan, MotionBatch, ChunkMark, TrackFrame, Alert)
+    kind.__name__: kind
+    for kind in (DetectionFrame, CameraStatus, RadioScan, MotionBatch, Erasure, ChunkMark, TrackFrame, Alert)
 }
-INPUT_KINDS = (DetectionFrame, RadioScan, MotionBatch)
+INPUT_KINDS = (DetectionFrame, RadioScan, MotionBatch, Erasure)
 
 LOOK_AHEAD = 10.0
 """Seconds of recording in which an input may follow the mark that names it."""
