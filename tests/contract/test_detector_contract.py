@@ -188,3 +188,13 @@ def test_a_wrong_detector_or_option_is_named(name: str, options: dict[str, objec
     with pytest.raises(DetectorError, match="detector") as error:
         check_detector(name, options)
     assert told in str(error.value)
+
+
+def test_a_clock_set_back_by_an_hour_makes_no_detector_learn_for_an_hour(make: Callable[[], Detector]) -> None:
+    detector = make()
+    watch(detector, [picture(n) for n in range(60)])
+    assert detector.state == "ready"
+    for n, image in enumerate(walk(20, (-2.0, 9.0), first=60)):
+        found = detector.detect(image, 1000.0 - 3600.0 + n / RATE)
+        assert detector.state == "ready"
+        assert len(found) == 1
