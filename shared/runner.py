@@ -244,7 +244,9 @@ def setup_logging(level: str, form: str, service: str = "") -> None:
 
 def _outlive_nobody() -> None:
     """Stop when the launcher is gone, however it went: it alone holds the other end of our standard input."""
-    sys.stdin.buffer.read()
+    # Not through sys.stdin: its buffer's lock, held by a thread that waits, aborts the interpreter at exit.
+    while os.read(0, 4096):
+        pass
     os.kill(os.getpid(), signal.SIGTERM)
 
 

@@ -29,6 +29,7 @@ from services.api.replies import (
     ZoneReport,
     Zones,
 )
+from shared.erased import Erased
 from shared.messages import Alert, CameraStatus, TrackFrame
 from shared.site import Site
 
@@ -92,6 +93,7 @@ class LiveState:
         self._tracks_kept = tracks_kept
         self._alerts_kept = alerts_kept
         self._version = 0
+        self.erased = Erased()
         self._newest: dict[str, _Arrived] = {}
         self._fixes: dict[str, _Fix] = {}
         self._statuses: dict[str, tuple[CameraStatus, float]] = {}
@@ -117,9 +119,9 @@ class LiveState:
         held = self._newest.get(frame.area)
         if held is not None and frame.t < held.frame.t and origin <= held.origin:
             return False
-        arrived = _Arrived(frame, origin)
+        arrived = _Arrived(self.erased.from_tracks(frame), origin)
         self._newest[frame.area] = arrived
-        for index, device in enumerate(frame.device):
+        for index, device in enumerate(arrived.frame.device):
             if device is not None:
                 known = self._fixes.get(device)
                 # Two tracks of one frame may claim a device while it changes hands: the surer one has it.
@@ -127,6 +129,16 @@ class LiveState:
                     self._fixes[device] = _Fix(arrived, index)
         self._version += 1
         return True
+
+    def erase(self, device: str) -> None:
+        """Forget a device whose consent was withdrawn, also in alerts that were told before."""
+        self.erased.add(device)
+        self._fixes.pop(device, None)
+        for area, held in self._newest.items():
+            self._newest[area] = _Arrived(self.erased.from_tracks(held.frame), held.origin)
+        self._alerts = [self.erased.from_alert(alert) for alert in self._alerts]
+        self._arrivals = [(place, self.erased.from_alert(alert)) for place, alert in self._arrivals]
+        self._version += 1
 
     def take_alert(self, alert: Alert, sent: float = math.inf) -> bool:
         """Take in an alert; False where it is known already (caches are told again when a router comes back).
@@ -144,6 +156,7 @@ class LiveState:
             self._alert_ids.discard(oldest.id)
             del self._arrivals[self._arrival(oldest.id)]
         self._alert_ids.add(alert.id)
+        alert = self.erased.from_alert(alert)
         bisect.insort(self._alerts, alert, key=lambda held: held.t)
         place = sent if sent < self._started else math.inf
         bisect.insort(self._arrivals, (place, alert), key=lambda arrival: arrival[0])

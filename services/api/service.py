@@ -21,7 +21,7 @@ from services.api.site_view import site_view
 from services.api.stream import Hub, alert_event, camera_event
 from shared.bus import Bus, Delivery
 from shared.http_server import serve
-from shared.messages import Alert, CameraStatus, Message, TrackFrame
+from shared.messages import Alert, CameraStatus, Erasure, Message, TrackFrame
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
@@ -72,6 +72,7 @@ class ApiService(Service[ApiSettings]):
         inbox = self._inbox
         inbox.subscribe(self.keys.tracks(), TrackFrame, newest=True)
         inbox.subscribe(self.keys.alert(), Alert, cached=True)
+        inbox.subscribe(self.keys.erasure(), Erasure)
         inbox.subscribe(self.keys.camera_status(), CameraStatus, cached=True)
         app = create_app(
             self.settings,
@@ -136,12 +137,15 @@ class ApiService(Service[ApiSettings]):
             message = delivery.message
             if isinstance(message, TrackFrame):
                 if self._live.take_tracks(message, delivery.trace.origin):
-                    self._hub.tracks(message)
+                    self._hub.tracks(self._live.erased.from_tracks(message))
                 else:
                     self._tell_once(f"tracks of area {message.area}")
             elif isinstance(message, Alert):
                 if self._live.take_alert(message, delivery.trace.sent):
-                    self._hub.send("alert", message.zone, message.area, alert_event(message))
+                    told = self._live.erased.from_alert(message)
+                    self._hub.send("alert", message.zone, message.area, alert_event(told))
+            elif isinstance(message, Erasure):
+                self._live.erase(message.device)
             elif isinstance(message, CameraStatus):
                 now = time.time()
                 if self._live.take_status(message, now):

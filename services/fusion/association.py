@@ -41,14 +41,14 @@ def association_marginals(log_odds: Array, rounds: int = 20) -> Array:
 
 
 def assign(
-    probability: Array, holds: NDArray[np.bool_], claim: float, keep: float, loyalty: float = 1.0
+    probability: Array, holds: NDArray[np.bool_], claim: float | Array, keep: float, loyalty: float = 1.0
 ) -> NDArray[np.int64]:
     """Return for each device its track or −1 ("not sure"): the likeliest one-to-one assignment, with hysteresis.
 
     Args:
         probability: (d, k), marginals.
         holds: (d, k), which track each device held so far.
-        claim: probability from which a device gets a track it did not hold.
+        claim: scalar or (d,), probability from which a device gets a track it did not hold; above 1 it gets none.
         keep: probability down to which it keeps the one it held.
         loyalty: added to the log-probability of what is held, so that near ties do not flicker.
     """
@@ -56,7 +56,7 @@ def assign(
     given = np.full(devices, -1, np.int64)
     if not probability.size:
         return given
-    allowed = probability >= np.where(holds, keep, claim)
+    allowed = probability >= np.where(holds, keep, np.broadcast_to(claim, devices)[:, None])
     gain = np.where(allowed, np.log(np.maximum(probability, 1e-12)) - np.log(1e-6) + loyalty * holds, 0.0)
     rows, columns = linear_sum_assignment(-gain)
     good = allowed[rows, columns]

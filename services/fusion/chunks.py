@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from services.fusion.tracker import Chunk
-from shared.messages import DetectionFrame, MotionBatch, RadioScan
+from shared.messages import DetectionFrame, Erasure, MotionBatch, RadioScan
 
 __all__ = ["PERIOD", "Chunker", "ChunkerSettings", "Closed"]
 
@@ -93,6 +93,7 @@ class Chunker:
         self._frames: list[tuple[DetectionFrame, str]] = []
         self._scans: _Waiting[RadioScan] = _Waiting()
         self._motions: _Waiting[MotionBatch] = _Waiting()
+        self._erasures: list[tuple[Erasure, str]] = []
         self._doubts: dict[str, _Doubt] = {}
         self._accepted = 0
         self._closed = -1
@@ -119,6 +120,10 @@ class Chunker:
     def add_motion(self, motion: MotionBatch, name: str) -> None:
         """Take a motion batch; it leaves with the next chunk."""
         self._hold(self._motions, motion, name, "motion")
+
+    def add_erasure(self, erasure: Erasure, name: str) -> None:
+        """Take a withdrawal of consent; it leaves with the next chunk, whatever its time."""
+        self._erasures.append((erasure, name))
 
     def add_frame(self, frame: DetectionFrame, name: str) -> list[Closed]:
         """Take a camera's frame and return the chunks it closes, oldest first (usually none or one)."""
@@ -236,6 +241,7 @@ class Chunker:
         mine.sort(key=lambda entry: (entry[0].t, entry[0].camera))
         scans = self._phones(self._scans, "radio", end)
         motions = self._phones(self._motions, "motion", end)
+        erasures, self._erasures = self._erasures, []
         chunk = Chunk(
             index=index,
             t_start=index * self.settings.period,
@@ -243,8 +249,9 @@ class Chunker:
             frames=tuple(frame for frame, _ in mine),
             scans=tuple(scan for scan, _ in scans),
             motions=tuple(motion for motion, _ in motions),
+            erasures=tuple(erasure for erasure, _ in erasures),
         )
-        return Closed(chunk, tuple(name for entries in (mine, scans, motions) for _, name in entries))
+        return Closed(chunk, tuple(name for entries in (mine, scans, motions, erasures) for _, name in entries))
 
     def _phones(self, waiting: _Waiting[P], kind: str, end: float) -> list[tuple[P, str]]:
         """Return the phones' messages that leave with the chunk that ends at ``end``."""

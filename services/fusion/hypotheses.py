@@ -37,7 +37,9 @@ class Hypotheses:
 
     Attributes:
         devices: (d,), their ids; None where a row is free.
-        device_seen: (d,), when each was last heard.
+        device_seen: (d,), when each last told what it hears.
+        device_told: (d,), when each last told anything, its walk included.
+        device_scans: (d,), how often it told what it hears.
         tracks: (k,), ids; 0 where a column is free.
         lost_at: (k,), when the track ended; infinity while it lives.
         place: (k, 2), where it was last.
@@ -64,6 +66,8 @@ class Hypotheses:
         self._constant_variance = np.full(points, s.noise.access_point**2)
         self.devices: list[str | None] = []
         self.device_seen = np.zeros(0)
+        self.device_told = np.zeros(0)
+        self.device_scans = np.zeros(0, np.int64)
         self.tracks = np.zeros(0, np.int64)
         self.lost_at = np.zeros(0)
         self.place = np.zeros((0, 2))
@@ -123,7 +127,8 @@ class Hypotheses:
         row = self.devices.index(None)
         s = self.settings
         self.devices[row] = device
-        self.device_seen[row] = -math.inf
+        self.device_seen[row] = self.device_told[row] = -math.inf
+        self.device_scans[row] = 0
         self.odds[row] = s.prior
         self.last_place[row] = np.nan
         self.filters.reset(slice(row, row + 1), slice(None), self._constant_variance, s.noise)
@@ -187,6 +192,8 @@ class Hypotheses:
         self.devices += [None] * more_devices
         self.chains += [[] for _ in range(more_devices)]
         self.device_seen = np.concatenate([self.device_seen, np.full(more_devices, -math.inf)])
+        self.device_told = np.concatenate([self.device_told, np.full(more_devices, -math.inf)])
+        self.device_scans = np.concatenate([self.device_scans, np.zeros(more_devices, np.int64)])
         self.given = np.concatenate([self.given, np.full(more_devices, -1)])
         self.far = np.concatenate([self.far, np.zeros(more_devices)])
         self.tracks = np.concatenate([self.tracks, np.zeros(more_tracks, np.int64)])
@@ -258,7 +265,17 @@ def _of_shape(expected: tuple[int, ...], array: NDArray[Any], name: str) -> NDAr
     return array
 
 
-_ARRAYS = ("_constant_variance", "device_seen", "tracks", "lost_at", "place", "given", "far")
+_ARRAYS = (
+    "_constant_variance",
+    "device_seen",
+    "device_told",
+    "device_scans",
+    "tracks",
+    "lost_at",
+    "place",
+    "given",
+    "far",
+)
 """Kept by device, by track or by access point."""
 _ALL = (
     *_ARRAYS,

@@ -76,6 +76,19 @@ class IdentityLayer(Hypotheses):
             self._decide(t)
         return heard
 
+    def erase(self, device: str) -> None:
+        """Forget a device whose consent was withdrawn, and what of it still waits."""
+        self._waiting = [scan for scan in self._waiting if scan.device != device]
+        self._walks = [entry for entry in self._walks if entry[0] != device]
+        if device in self.devices:
+            self._forget(self.devices.index(device))
+            self._dirty = True
+
+    def _forget(self, row: int) -> None:
+        self.devices[row] = None
+        self.device_seen[row] = self.device_told[row] = -math.inf
+        self.given[row] = -1
+
     # -- what phones hear --------------------------------------------------------------------------------------------
 
     def _listen(self, t: float, scans: tuple[RadioScan, ...]) -> set[str]:
@@ -102,6 +115,8 @@ class IdentityLayer(Hypotheses):
             self.ignored["radio told again or out of order"] += 1
             return False
         self.device_seen[row] = scan.t
+        self.device_told[row] = max(self.device_told[row], scan.t)
+        self.device_scans[row] += 1
         heard = np.array(sorted(readings))
         level = np.array([readings[column] for column in heard.tolist()])
         against = self._stranger(row, heard, level, elapsed)
@@ -166,6 +181,7 @@ class IdentityLayer(Hypotheses):
             if device not in self.devices:
                 continue
             row = self.devices.index(device)
+            self.device_told[row] = max(self.device_told[row], walk.t)
             if walk.t_start < self.walk_filters.last[row, 0] - 1e-3:
                 # A second that was told before, or a revision of the past: what it said cannot be unsaid.
                 continue
@@ -210,9 +226,7 @@ class IdentityLayer(Hypotheses):
         elapsed = min(max(t - self._decided, 0.0), 1.0) if math.isfinite(self._decided) else 0.0
         self._decided, self._dirty = t, False
         for row in np.flatnonzero(t - self.device_seen > s.forget).tolist():
-            self.devices[row] = None
-            self.device_seen[row] = -math.inf
-            self.given[row] = -1
+            self._forget(row)
         alive = np.flatnonzero(self.alive)
         rows = np.array([row for row, device in enumerate(self.devices) if device is not None], np.int64)
         self.probability = np.zeros(self.odds.shape)
@@ -226,7 +240,10 @@ class IdentityLayer(Hypotheses):
         marginals = association_marginals(self.odds[pairs])
         self.probability[pairs] = marginals
         holds = self.given[rows][:, None] == alive[None, :]
-        chosen = assign(marginals, holds, s.claim, s.keep)
+        # A phone that has said next to nothing, or nothing of late, keeps what it has but gets nothing new: whoever
+        # carried it may have left, and somebody must not be taken for them because nobody else is there.
+        heard = (self.device_scans[rows] >= s.claim_scans) & (t - self.device_told[rows] <= s.claim_fresh)
+        chosen = assign(marginals, holds, np.where(heard, s.claim, 2.0), s.keep)
         given = np.where(chosen >= 0, alive[chosen], -1)
         for row, column in zip(rows.tolist(), given.tolist(), strict=True):
             self._give(row, column)

@@ -45,9 +45,13 @@ class IdentitySettings:
     """Seconds for which a track that ended may be continued by a new one."""
     continued: float = 0.5
     """Probability that a track born right where another was lost continues it."""
-    claim: float = 0.4
+    claim: float = 0.6
     """Probability from which a device gets a track, and down to which it keeps it."""
-    keep: float = 0.2
+    keep: float = 0.3
+    claim_scans: int = 4
+    """Scans a device must have told before it gets a track at all …"""
+    claim_fresh: float = 2.5
+    """… and seconds since it last told anything, after which it gets no other track."""
     certain: float = 0.9
     """Probability from which a pair teaches the access points' constants, put to use every so many seconds."""
     calibrate_every: float = 2.0

@@ -11,7 +11,7 @@ from services.fusion.area_view import AreaView
 from services.fusion.chunks import PERIOD
 from services.fusion.registry import DEFAULT_TRACKER, make_tracker
 from services.fusion.tracker import Chunk
-from shared.messages import ChunkMark, DetectionFrame, Message, MotionBatch, RadioScan, TrackFrame
+from shared.messages import ChunkMark, DetectionFrame, Erasure, Message, MotionBatch, RadioScan, TrackFrame
 from shared.site import Site
 
 __all__ = ["StateAnswer", "chunk_of", "replay_tracks"]
@@ -36,6 +36,7 @@ def chunk_of(mark: ChunkMark, inputs: Sequence[Message]) -> Chunk:
         frames=tuple(message for message in inputs if isinstance(message, DetectionFrame)),
         scans=tuple(message for message in inputs if isinstance(message, RadioScan)),
         motions=tuple(message for message in inputs if isinstance(message, MotionBatch)),
+        erasures=tuple(message for message in inputs if isinstance(message, Erasure)),
     )
 
 

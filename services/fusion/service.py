@@ -21,7 +21,7 @@ from services.fusion.replay import StateAnswer
 from services.fusion.settings import FusionSettings
 from services.fusion.tracker import TrackerStateError
 from shared.bus import Bus, Delivery, Trace
-from shared.messages import ChunkMark, DetectionFrame, Message, MotionBatch, RadioScan, TrackFrame
+from shared.messages import ChunkMark, DetectionFrame, Erasure, Message, MotionBatch, RadioScan, TrackFrame
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
@@ -99,6 +99,7 @@ class FusionService(Service[FusionSettings]):
             self._inbox.subscribe(self.keys.detections(camera), DetectionFrame, newest=True)
         self._inbox.subscribe(self.keys.radio(), RadioScan)
         self._inbox.subscribe(self.keys.motion(), MotionBatch)
+        self._inbox.subscribe(self.keys.erasure(), Erasure)
         self.health.ready.set()
         while not self.stopping.is_set():
             for delivery in self._inbox.receive(timeout=self.TURN):
@@ -145,6 +146,8 @@ class FusionService(Service[FusionSettings]):
             self.chunker.add_scan(message, trace.id)
         elif isinstance(message, MotionBatch):
             self.chunker.add_motion(message, trace.id)
+        elif isinstance(message, Erasure):
+            self.chunker.add_erasure(message, trace.id)
 
     def _consume(self, closed: Closed, trace: Trace) -> None:
         """Step the tracker; tell first what it consumed, then what came of it."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from shared.messages import DetectionFrame, MotionBatch, RadioScan, TrackFrame
+from shared.messages import DetectionFrame, Erasure, MotionBatch, RadioScan, TrackFrame
 
 __all__ = ["Chunk", "Tracker", "TrackerStateError"]
 
@@ -35,6 +35,7 @@ class Chunk:
     frames: tuple[DetectionFrame, ...] = ()
     scans: tuple[RadioScan, ...] = ()
     motions: tuple[MotionBatch, ...] = ()
+    erasures: tuple[Erasure, ...] = ()
 
 
 class TrackerStateError(ValueError):

@@ -133,6 +133,9 @@ class TwoLayerTracker(AnonymousTracker):
             self._heard = self.identity.step(
                 self.positions.t, tracks.ids[sure], tracks.mean[sure, :2], chunk.scans, chunk.motions
             )
+        for erasure in chunk.erasures:
+            self.identity.erase(erasure.device)
+            self._heard.discard(erasure.device)
         return self._frame(chunk)
 
     def ignored(self) -> dict[str, int]:

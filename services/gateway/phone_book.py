@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from dataclasses import dataclass, field
 from typing import NoReturn
 
@@ -18,7 +18,7 @@ from services.gateway.protocol import Batch, BatchReply, FieldError
 from services.gateway.storage import Registered
 from shared.bus import Bus, Publisher
 from shared.keys import Keys
-from shared.messages import MotionBatch, RadioScan
+from shared.messages import Erasure, MotionBatch, RadioScan
 from shared.site import Site
 
 __all__ = ["PhoneBook", "busy"]
@@ -69,6 +69,7 @@ class PhoneBook:
         self._access_points = {address.lower(): point.id for point in site.access_points for address in point.addresses}
         self._entries: dict[str, _Entry] = {}
         self._forgotten: OrderedDict[str, None] = OrderedDict()
+        self._untold: deque[str] = deque()
         self._lock = threading.Lock()
 
     def post(self, device: Registered, body: bytes, received: float) -> BatchReply:
@@ -102,6 +103,20 @@ class PhoneBook:
                 entry.forgotten = True
                 entry.phone.outbox.clear()
                 entry.hush()
+        with self._lock:
+            self._untold.append(device)
+        self._tell_erasures()
+
+    def _tell_erasures(self) -> None:
+        """Tell everybody whom to forget; what cannot be told while the bus is away is told by ``rest`` later."""
+        while self._bus.connected:
+            with self._lock:
+                if not self._untold:
+                    return
+                device = self._untold.popleft()
+            publisher = self._bus.publisher(self._keys.erasure(device), Erasure)
+            publisher.publish(Erasure(t=time.time(), device=device))
+            publisher.close()
 
     def has_forgotten(self, device: str) -> bool:
         """Whether this device's consent was withdrawn here."""
@@ -110,6 +125,7 @@ class PhoneBook:
 
     def rest(self, now: float) -> None:
         """Let idle phones cost nothing; ``now`` is monotonic. After twelve times as long they are forgotten whole."""
+        self._tell_erasures()
         with self._lock:
             entries = list(self._entries.items())
         for device, entry in entries:

@@ -15,7 +15,8 @@ from services.geofence.crossings import Crossing, Crossings
 from services.geofence.settings import GeofenceSettings
 from services.geofence.zone_index import ZoneIndex
 from shared.bus import Bus
-from shared.messages import Alert, TrackFrame
+from shared.erased import Erased
+from shared.messages import Alert, Erasure, TrackFrame
 from shared.runner import Health, Service
 from shared.site import Site
 
@@ -63,11 +64,13 @@ class GeofenceService(Service[GeofenceSettings]):
         # Ids are unique across restarts and passes of one recording: a random name of this run and a number.
         self._run = secrets.token_hex(4)
         self._number = 0
+        self._erased = Erased()
         self._inbox = bus.inbox(capacity=10_000)
 
     def run(self) -> None:
         """Test frames as they come until asked to stop."""
         self._inbox.subscribe(self.keys.tracks(), TrackFrame)
+        self._inbox.subscribe(self.keys.erasure(), Erasure)
         if not self.site.zones:
             log.info("the site file names no zones: there is nothing to watch")
         for zone in self.site.zones:
@@ -76,13 +79,21 @@ class GeofenceService(Service[GeofenceSettings]):
         while not self.stopping.is_set():
             for delivery in self._inbox.receive(timeout=0.5):
                 if isinstance(delivery.message, TrackFrame):
-                    self._take(delivery.message, delivery.trace.origin)
+                    self._take(self._erased.from_tracks(delivery.message), delivery.trace.origin)
+                elif isinstance(delivery.message, Erasure):
+                    self._erase(delivery.message.device)
             self._watch_silence()
 
     def stop(self) -> None:
         """Stop, and do not wait for a frame that may not come."""
         super().stop()
         self._inbox.wake()
+
+    def _erase(self, device: str) -> None:
+        """Name a device whose consent was withdrawn in no alert from now on."""
+        self._erased.add(device)
+        for area in self._areas.values():
+            area.devices = {track: name for track, name in area.devices.items() if name != device}
 
     def _new_crossings(self) -> Crossings:
         return Crossings(self._index, self.settings.geofence_min_seconds, self.settings.geofence_grace)

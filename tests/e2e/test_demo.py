@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,6 +96,21 @@ def test_a_phone_enrols_posts_and_reads_only_its_own_position(demo: RunningDemo)
     assert "not located" in answer.text
     for position in demo.api("/v1/positions")["positions"]:
         assert httpx.get(f"{gateway}/v1/devices/{position['device']}/position", headers=token).status_code == 403
+
+
+def test_a_phone_that_barely_spoke_is_nobody_and_can_leave(demo: RunningDemo) -> None:
+    gateway = demo.urls["phones post"]
+    body = {"enrolment_key": "demo-enrolment-key", "consent": True}
+    mine = httpx.post(f"{gateway}/v1/devices", json=body).raise_for_status().json()
+    token = {"Authorization": f"Bearer {mine['token']}"}
+    now = time.time()
+    reading = {"t": now, "address": ["02:a7:00:00:00:01", "02:a7:00:00:00:02"], "rssi": [-35, -75]}
+    batch = {"seq": 0, "sent": now, "radio": [reading]}
+    answer = httpx.post(f"{gateway}/v1/devices/{mine['device']}/batches", json=batch, headers=token)
+    assert answer.status_code == 200, answer.text
+    seen = [p for p in demo.api("/v1/positions")["positions"] if p["device"] == mine["device"]]
+    assert not seen
+    assert httpx.delete(f"{gateway}/v1/devices/{mine['device']}", headers=token).status_code == 204
 
 
 def test_ctrl_c_stops_everything_and_the_recording_replays_to_the_same_bytes(demo: RunningDemo) -> None:

@@ -22,7 +22,7 @@ from waiting import wait_until
 
 from shared.bus import Bus, router
 from shared.keys import Keys
-from shared.messages import Message, MotionBatch, RadioScan, TrackFrame
+from shared.messages import Erasure, Message, MotionBatch, RadioScan, TrackFrame
 
 KEY = "a-key-for-tests"
 STAFF = "a-key-for-staff"
@@ -123,7 +123,12 @@ class Listener:
         self.inbox = self.bus.inbox()
         self.inbox.subscribe(self.keys.radio(), RadioScan)
         self.inbox.subscribe(self.keys.motion(), MotionBatch)
+        self.inbox.subscribe(self.keys.erasure(), Erasure)
         self.messages: list[Message] = []
+
+    def erased(self) -> set[str]:
+        self.messages += [delivery.message for delivery in self.inbox.receive(0.05)]
+        return {m.device for m in self.messages if isinstance(m, Erasure)}
 
     def heard(self, device: str) -> tuple[list[RadioScan], list[MotionBatch]]:
         self.messages += [delivery.message for delivery in self.inbox.receive(0.05)]
@@ -309,10 +314,11 @@ def test_a_phone_reads_its_own_position_once_a_track_carries_it(gateway: Running
     assert position["t"] == pytest.approx(now)
 
 
-def test_withdrawn_consent_ends_everything_at_once(gateway: Running) -> None:
+def test_withdrawn_consent_ends_everything_at_once(gateway: Running, listener: Listener) -> None:
     phone = Phone(gateway)
     assert phone.post(phone.batch(0)).status_code == 200
     assert phone.http.delete(f"/v1/devices/{phone.device}", headers=phone.headers).status_code == 204
+    wait_until(lambda: phone.device in listener.erased(), 10, "everybody to be told whom to forget")
     assert phone.post(phone.batch(1)).status_code == 401
     assert phone.http.get(phone.enrolled["position"], headers=phone.headers).status_code == 401
     assert phone.http.delete(f"/v1/devices/{phone.device}", headers=phone.headers).status_code == 401

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import httpx
 import pytest
 from conftest import unused_port
 from typer.testing import CliRunner
@@ -22,6 +23,13 @@ launcher.start(ProcessSpec("geofence", "services.geofence", int(sys.argv[2])))
 print(launcher.processes()["geofence"], flush=True)
 threading.Event().wait()
 """
+
+
+def answers(port: int) -> bool:
+    try:
+        return httpx.get(f"http://127.0.0.1:{port}/healthz").status_code == 200
+    except httpx.TransportError:
+        return False
 
 
 def alive(pid: int) -> bool:
@@ -48,7 +56,8 @@ def test_services_do_not_outlive_a_launcher_that_is_killed(project: Path) -> Non
 def test_a_process_that_dies_is_started_again(project: Path) -> None:
     site = project / "deploy" / "sites" / "hall" / "site.yaml"
     launcher = Launcher({"ATRIUM_SITE_FILE": str(site), "ATRIUM_PROFILE": "demo", "ATRIUM_BUS": '["tcp/127.0.0.1:1"]'})
-    launcher.start(ProcessSpec("geofence", "services.geofence", unused_port()))
+    port = unused_port()
+    launcher.start(ProcessSpec("geofence", "services.geofence", port))
     try:
         first = launcher.processes()["geofence"]
         os.kill(first, signal.SIGKILL)
@@ -59,6 +68,7 @@ def test_a_process_that_dies_is_started_again(project: Path) -> None:
 
         wait_until(again, 20, "the process to be started again")
         assert launcher.restarts == {"geofence": 1}
+        wait_until(lambda: answers(port), 20, "its health page")
     finally:
         statuses = launcher.stop()
     assert statuses == {"geofence": 0}

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from services.api.live_state import LiveState
@@ -147,3 +148,16 @@ def test_a_camera_whose_clock_was_set_back_is_heard_at_once(live: LiveState) -> 
     assert live.take_status(CameraStatus(t=400.0, camera="hall-east", state="degraded"), 11.0)
     assert live.take_status(CameraStatus(t=401.0, camera="hall-east", state="ok"), 12.0)
     assert (live.camera("hall-east", 12.0).t, live.camera("hall-east", 12.0).age) == (401.0, 0.0)
+
+
+def test_a_withdrawn_device_is_gone_at_once_from_positions_tracks_and_past_alerts(live: LiveState) -> None:
+    live.take_tracks(frame(50.0, ["p", "q"]), origin=100.0)
+    live.take_alert(msgspec.structs.replace(alert(1), device="p"))
+    assert len(positions(live, 100.0)) == 2
+    live.erase("p")
+    assert [position["device"] for position in positions(live, 100.0)] == ["q"]
+    assert b'"p"' not in live.tracks_json(None, 100.0)
+    assert live.position("p", 100.0) is None
+    assert live.alerts(100.0, None, None, 10).alerts[0].device is None
+    live.take_tracks(frame(50.1, ["p", "q"]), origin=100.1)  # a frame that was still under way
+    assert [position["device"] for position in positions(live, 100.1)] == ["q"]

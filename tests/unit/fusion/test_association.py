@@ -29,13 +29,32 @@ def enumerated(log_odds: np.ndarray) -> np.ndarray:
 
 
 @settings(deadline=None, max_examples=60)
-@given(seed=st.integers(0, 2**32), devices=st.integers(1, 4), tracks=st.integers(1, 4), size=st.floats(0.1, 4.0))
-def test_marginals_are_close_to_enumeration(seed: int, devices: int, tracks: int, size: float) -> None:
-    log_odds = np.random.default_rng(seed).normal(0, size, (devices, tracks))
-    exact, found = enumerated(log_odds), association_marginals(log_odds)
-    assert np.abs(found - exact).max() < 0.16  # belief propagation is exact on trees only
+@given(seed=st.integers(0, 2**32), devices=st.integers(1, 6), tracks=st.integers(1, 6), size=st.floats(0.1, 4.0))
+def test_marginals_are_shares(seed: int, devices: int, tracks: int, size: float) -> None:
+    found = association_marginals(np.random.default_rng(seed).normal(0, size, (devices, tracks)))
+    assert (found >= 0.0).all()
     assert (found.sum(axis=1) <= 1.0 + 1e-9).all()
     assert (found.sum(axis=0) <= 1.0 + 1e-3).all()
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=st.integers(0, 2**32), others=st.integers(1, 6), size=st.floats(0.1, 4.0), one_device=st.booleans())
+def test_marginals_are_exact_where_there_is_no_loop(seed: int, others: int, size: float, one_device: bool) -> None:
+    """One device or one track: the graph is a tree, on which belief propagation is exact."""
+    shape = (1, others) if one_device else (others, 1)
+    log_odds = np.random.default_rng(seed).normal(0, size, shape)
+    assert association_marginals(log_odds) == pytest.approx(enumerated(log_odds), abs=1e-6)
+
+
+def test_marginals_are_close_to_enumeration() -> None:
+    """With loops they are an approximation: good on the whole, off by a tenth or two where odds conflict strongly."""
+    errors = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        log_odds = rng.normal(0, rng.uniform(0.1, 4.0), (rng.integers(2, 5), rng.integers(2, 5)))
+        errors.append(np.abs(association_marginals(log_odds) - enumerated(log_odds)).max())
+    assert np.median(errors) < 0.03
+    assert np.percentile(errors, 95) < 0.12
 
 
 def test_extreme_odds_stay_finite() -> None:

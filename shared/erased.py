@@ -1,0 +1,51 @@
+"""Whose consent was withdrawn: a bounded memory, so that nothing still under way brings a device back."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+
+import msgspec
+
+from shared.messages import Alert, TrackFrame
+
+__all__ = ["Erased"]
+
+KEPT = 100_000
+"""Device ids are random and never given twice, so the oldest can be forgotten once nothing of theirs is under way."""
+
+
+class Erased:
+    """The devices that are nobody any more."""
+
+    def __init__(self) -> None:
+        self._devices: OrderedDict[str, None] = OrderedDict()
+
+    def add(self, device: str) -> None:
+        """Erase a device."""
+        self._devices[device] = None
+        if len(self._devices) > KEPT:
+            self._devices.popitem(last=False)
+
+    def __contains__(self, device: str) -> bool:
+        """Whether the device was erased."""
+        return device in self._devices
+
+    def from_tracks(self, frame: TrackFrame) -> TrackFrame:
+        """Return the frame without erased devices; the same frame where it names none."""
+        if not self._devices or not any(name in self._devices for name in (*frame.device, *frame.runner_up) if name):
+            return frame
+        device = [None if name in self._devices else name for name in frame.device]
+        return msgspec.structs.replace(
+            frame,
+            device=device,
+            probability=[
+                0.0 if now is None and was is not None else p
+                for now, was, p in zip(device, frame.device, frame.probability, strict=True)
+            ],
+            runner_up=[None if name in self._devices else name for name in frame.runner_up],
+            sources=[[name for name in names if name not in self._devices] for names in frame.sources],
+        )
+
+    def from_alert(self, alert: Alert) -> Alert:
+        """Return the alert without an erased device."""
+        return msgspec.structs.replace(alert, device=None) if alert.device in self._devices else alert
