@@ -67,6 +67,22 @@ def located_share(run: PetsRun, truth: PetsTruth) -> tuple[float, dict[int, floa
     return share, {person: float(np.mean(values)) for person, values in hits.items() if values}, errors
 
 
+def claims_right(run: PetsRun, truth: PetsTruth) -> float:
+    """Return the share of published names that are right: the track within 1 m of the phone's carrier.
+
+    A name published while the carrier is out of view is wrong, wherever it is put.
+    """
+    carriers = {device: person for person, device in run.carriers.items()}
+    right = []
+    for frame in run.frames:
+        elapsed = round((frame.t - run.origin) * FRAMES_PER_S) / FRAMES_PER_S
+        for device, x, y in zip(frame.device, frame.x, frame.y, strict=True):
+            if device in carriers:
+                place = truth.at(carriers[device], elapsed)
+                right.append(place is not None and bool(np.hypot(x - place[0], y - place[1]) <= GATE))
+    return float(np.mean(right)) if right else 0.0
+
+
 def figures_of(run: PetsRun, truth: PetsTruth) -> tuple[dict[str, float | None], dict[int, float], list[Verdict]]:
     """Return the figures of a run by name, the share located by person, and the replay's verdicts."""
     score = score_run(run, truth)
@@ -87,6 +103,7 @@ def figures_of(run: PetsRun, truth: PetsTruth) -> tuple[dict[str, float | None],
         "idf1_first_half": halves[0].idf1,
         "idf1_second_half": halves[1].idf1,
         "located_within_1m": share,
+        "names_right": claims_right(run, truth),
         "phone_error_median_m": float(np.median(errors)) if errors else None,
         "phone_error_p90_m": float(np.percentile(errors, 90)) if errors else None,
         "latency_p50_ms": float(np.percentile(latency, 50)) if len(latency) else None,
