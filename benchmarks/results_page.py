@@ -32,9 +32,10 @@ were *chosen looking at* this clip and this kind of radio world: expect less els
 
 Tracks are scored with `motmetrics` at a gate of 1 m against people whose feet are in the picture. `located_within_1m`
 asks `GET /v1/positions` seven times a second and compares each phone's position with where its carrier is at that very
-moment, whatever the age of the answer. `names_right` is the share of published names whose track is within 1 m of
-the phone's carrier; a name published while the carrier is out of view counts as wrong. Latency runs from the camera service sending a frame's detections to fusion
-sending the tracks. `replay_identical` is 1 when recomputing the recording gives the same bytes for every frame.
+moment, whatever the age of the answer. `names_right` is the share of published names whose track is within 1 m of the
+phone's carrier; a name published while the carrier is out of view counts as wrong. Latency runs from the camera service
+sending a frame's detections to fusion sending the tracks. `replay_identical` is 1 when recomputing the recording gives
+the same bytes for every frame.
 
 ![truth and tracks on the plan, and when each phone was located](pictures/pets-video.png)
 """
