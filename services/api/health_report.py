@@ -62,7 +62,8 @@ def health_report(
     if not connected:
         problems.append("the bus router cannot be reached: nothing below is up to date")
     alive = {presence.service for presence in services if presence.alive}
-    for name in expected if connected else ():
+    # The first answer about who is alive names this service at least; before it, nothing is known of the others.
+    for name in expected if connected and services else ():
         if name not in alive:
             means = f": {_MEANS[name]}" if name in _MEANS else ""
             problems.append(f"the {name} service is not running{means}")
