@@ -9,12 +9,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from http.client import HTTPConnection
 from pathlib import Path
 
 import pytest
 from conftest import unused_port
 from fusion_world import SITE, frame
+from health_page import get, metric
 from waiting import wait_until
 
 from services.fusion.area_view import AreaView
@@ -75,24 +75,6 @@ def start(project: Path, site_file: Path) -> Iterator[Start]:
         if process.poll() is None:
             process.kill()
         process.communicate()
-
-
-def get(port: int, path: str) -> tuple[int, str]:
-    connection = HTTPConnection("127.0.0.1", port, timeout=3)
-    try:
-        connection.request("GET", path)
-        reply = connection.getresponse()
-        return reply.status, reply.read().decode()
-    except OSError:
-        return 0, ""
-    finally:
-        connection.close()
-
-
-def metric(port: int, name: str) -> float:
-    """Sum of all samples of one metric."""
-    lines = [line for line in get(port, "/metrics")[1].splitlines() if line.startswith(name)]
-    return sum(float(line.rsplit(" ", 1)[1]) for line in lines)
 
 
 class Stage:

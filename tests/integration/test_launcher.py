@@ -6,9 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import httpx
 import pytest
 from conftest import unused_port
+from health_page import get
 from typer.testing import CliRunner
 from waiting import wait_until
 
@@ -23,13 +23,6 @@ launcher.start(ProcessSpec("geofence", "services.geofence", int(sys.argv[2])))
 print(launcher.processes()["geofence"], flush=True)
 threading.Event().wait()
 """
-
-
-def answers(port: int) -> bool:
-    try:
-        return httpx.get(f"http://127.0.0.1:{port}/healthz").status_code == 200
-    except httpx.TransportError:
-        return False
 
 
 def alive(pid: int) -> bool:
@@ -68,7 +61,7 @@ def test_a_process_that_dies_is_started_again(project: Path) -> None:
 
         wait_until(again, 20, "the process to be started again")
         assert launcher.restarts == {"geofence": 1}
-        wait_until(lambda: answers(port), 20, "its health page")
+        wait_until(lambda: get(port, "/healthz")[0] == 200, 20, "its health page")
     finally:
         statuses = launcher.stop()
     assert statuses == {"geofence": 0}

@@ -9,11 +9,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from http.client import HTTPConnection
 from pathlib import Path
 
 import pytest
 from conftest import unused_port
+from health_page import get
 from waiting import wait_until
 
 from shared.bus import Bus, router
@@ -45,18 +45,6 @@ def start(project: Path) -> Iterator[Start]:
         if process.poll() is None:
             process.kill()
         process.communicate()
-
-
-def get(port: int, path: str) -> tuple[int, str]:
-    connection = HTTPConnection("127.0.0.1", port, timeout=3)
-    try:
-        connection.request("GET", path)
-        reply = connection.getresponse()
-        return reply.status, reply.read().decode()
-    except OSError:
-        return 0, ""
-    finally:
-        connection.close()
 
 
 def wait_for(port: int, path: str, status: int) -> str:
