@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ from typing import Any
 import httpx
 
 from benchmarks.pets_truth import FRAMES, FRAMES_PER_S
-from services.cli.demo import Demo, Ports, find_site
+from services.cli.demo import API_KEY, Demo, Ports, find_site
+from services.cli.launcher import LauncherError
 from services.cli.recorder import record
-from shared.bus import Bus, Delivery
+from shared.bus import Bus, Delivery, Inbox
 from shared.keys import Keys
 from shared.messages import CameraStatus, DetectionFrame, GroundTruth, Message, TrackFrame
 
@@ -71,7 +73,7 @@ def run_clip(folder: Path, *, quiet: bool = True) -> PetsRun:
     log = (lambda name, line: None) if quiet else (lambda name, line: print(f"{name:<10} {line}"))
     demo = Demo(find_site("pets09"), Ports.free(), log, folder, dashboard=False)
     stopping = threading.Event()
-    threads = []
+    starter = ThreadPoolExecutor(max_workers=1, thread_name_prefix="starter")
     try:
         keys = Keys(demo.site.site)
         with Bus([demo.endpoint]) as bus, Bus([demo.endpoint]) as recorder_bus:
@@ -88,31 +90,39 @@ def run_clip(folder: Path, *, quiet: bool = True) -> PetsRun:
                 threading.Thread(target=keep_record, name="recorder"),
                 threading.Thread(target=_ask_api, args=(demo, run, stopping), name="api client"),
             ]
-            demo_starter = threading.Thread(target=demo.start, kwargs={"stopping": stopping}, name="starter")
             threads[0].start()
-            demo_starter.start()
+            started = starter.submit(demo.start, stopping=stopping)
             threads[1].start()
-            sent: dict[float, float] = {}
-            deadline = time.monotonic() + CLIP_SECONDS + 90.0
-            last_frame_at = None
-            while time.monotonic() < deadline:
-                for delivery in inbox.receive(timeout=0.2):
-                    _take(delivery, run, sent)
-                demo.launcher.keep_running()
-                finished = run.origin > 0.0 and len(run.detections) >= FRAMES
-                if finished and last_frame_at is None:
-                    last_frame_at = time.monotonic()
-                if last_frame_at is not None and time.monotonic() > last_frame_at + 2.0:
-                    break
-            demo_starter.join()
+            try:
+                _watch(demo, run, inbox, started)
+            finally:  # before the buses close: the recorder still writes what is on its way
+                stopping.set()
+                for thread in threads:
+                    thread.join(timeout=10.0)
     finally:
         stopping.set()
-        for thread in threads:
-            if thread.is_alive():
-                thread.join(timeout=10.0)
+        starter.shutdown()
         run.restarts = sum(demo.launcher.restarts.values())
         run.statuses = demo.stop()
     return run
+
+
+def _watch(demo: Demo, run: PetsRun, inbox: Inbox, started: Future[None]) -> None:
+    """Take in what is published until two seconds after the clip's last frame."""
+    sent: dict[float, float] = {}
+    deadline = time.monotonic() + CLIP_SECONDS + 90.0
+    last_frame_at = None
+    while time.monotonic() < deadline:
+        for delivery in inbox.receive(timeout=0.2):
+            _take(delivery, run, sent)
+        if started.done():
+            started.result()  # a service that did not start ends the run here
+        demo.launcher.keep_running()
+        if run.origin > 0.0 and len(run.detections) >= FRAMES and last_frame_at is None:
+            last_frame_at = time.monotonic()
+        if last_frame_at is not None and time.monotonic() > last_frame_at + 2.0:
+            return
+    raise LauncherError(f"the clip did not play to its end: {len(run.detections)} of {FRAMES} frames were detected")
 
 
 def _take(delivery: Delivery[Message], run: PetsRun, sent: dict[float, float]) -> None:
@@ -135,8 +145,6 @@ def _take(delivery: Delivery[Message], run: PetsRun, sent: dict[float, float]) -
 
 def _ask_api(demo: Demo, run: PetsRun, stopping: threading.Event) -> None:
     """Ask for the positions about seven times a second, as a client of the museum would."""
-    from services.cli.demo import API_KEY
-
     with httpx.Client(base_url=demo.api_url, headers={"Authorization": f"Bearer {API_KEY}"}, timeout=5.0) as client:
         while not stopping.wait(1.0 / FRAMES_PER_S):
             try:

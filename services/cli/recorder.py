@@ -10,20 +10,10 @@ from pathlib import Path
 
 import msgspec
 
-from services.cli.recording import INPUT_KINDS, RecordingWriter
+from services.cli.recording import INPUT_KINDS, TOPICS, RecordingWriter
 from shared.bus import DROPPED, Bus, Delivery
 from shared.keys import Keys
-from shared.messages import (
-    Alert,
-    CameraStatus,
-    ChunkMark,
-    DetectionFrame,
-    Erasure,
-    Message,
-    MotionBatch,
-    RadioScan,
-    TrackFrame,
-)
+from shared.messages import CameraStatus, ChunkMark, Message
 from shared.site import Site
 
 __all__ = ["record"]
@@ -60,18 +50,8 @@ def record(
     keys = Keys(site.site)
     inbox = bus.inbox(capacity=QUEUE)
     lost_before = _lost()
-    kinds: list[tuple[str, type[Message], bool]] = [
-        (keys.detections(), DetectionFrame, False),
-        (keys.radio(), RadioScan, False),
-        (keys.motion(), MotionBatch, False),
-        (keys.erasure(), Erasure, False),
-        (keys.chunks(), ChunkMark, False),
-        (keys.tracks(), TrackFrame, False),
-        (keys.camera_status(), CameraStatus, True),
-        (keys.alert(), Alert, False),
-    ]
-    for key, kind, cached in kinds:
-        inbox.subscribe(key, kind, cached=cached)
+    for kind, key_of in TOPICS.items():
+        inbox.subscribe(key_of(keys), kind, cached=kind is CameraStatus)
     with RecordingWriter(out, site.site, site_file.resolve()) as writer:
         joining = _Joining({area: state.chunk for area, _, state in _states(bus, keys.fusion_state())})
         next_report = 0.0

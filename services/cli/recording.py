@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import json
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -37,12 +37,29 @@ from shared.messages import (
     encode,
 )
 
-__all__ = ["RECORDED_KINDS", "Consumed", "Recorded", "Recording", "RecordingError", "RecordingWriter", "check_writable"]
+__all__ = [
+    "RECORDED_KINDS",
+    "TOPICS",
+    "Consumed",
+    "Recorded",
+    "Recording",
+    "RecordingError",
+    "RecordingWriter",
+    "check_writable",
+]
 
-RECORDED_KINDS: dict[str, type[Message]] = {
-    kind.__name__: kind
-    for kind in (DetectionFrame, CameraStatus, RadioScan, MotionBatch, Erasure, ChunkMark, TrackFrame, Alert)
+TOPICS: dict[type[Message], Callable[[Keys], str]] = {
+    DetectionFrame: Keys.detections,
+    RadioScan: Keys.radio,
+    MotionBatch: Keys.motion,
+    Erasure: Keys.erasure,
+    ChunkMark: Keys.chunks,
+    TrackFrame: Keys.tracks,
+    CameraStatus: Keys.camera_status,
+    Alert: Keys.alert,
 }
+"""What is recorded, and on which keys it travels."""
+RECORDED_KINDS: dict[str, type[Message]] = {kind.__name__: kind for kind in TOPICS}
 INPUT_KINDS = (DetectionFrame, RadioScan, MotionBatch, Erasure)
 
 LOOK_AHEAD = 10.0
