@@ -15,7 +15,7 @@ import cv2
 
 from services.camera.detector import Image
 from services.camera.frames import Frame, SourceError
-from shared.site.site_file import redact_url
+from shared.redaction import redact_url
 
 __all__ = ["LiveSource"]
 

@@ -15,9 +15,11 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import shapely
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from shared.keys import is_identifier
+from shared.part_file import Part
+from shared.redaction import redact_url
 from shared.site.camera_geometry import CameraGeometry
 from shared.site.floor_plan import FloorPlan
 
@@ -34,7 +36,6 @@ __all__ = [
     "TsaiGeometry",
     "Zone",
     "expand_environment",
-    "redact_url",
 ]
 
 
@@ -53,15 +54,6 @@ def expand_environment(text: str) -> str:
         return value
 
     return re.sub(r"\$\{(?P<name>\w+)(?::-(?P<default>[^}]*))?\}", value_of, text)
-
-
-_CREDENTIALS = re.compile(r"(?<=://)[^\s'\"]*@")
-_SECRET_PARAMETER = re.compile(r"(?i)\b(\w*(?:user|usr|login|pass|pwd|pw|token|key|secret|auth)\w*=)[^&#\s'\"]*")
-
-
-def redact_url(text: str) -> str:
-    """Return the text with what URLs in it say of users, passwords and tokens hidden; made for logs and messages."""
-    return _SECRET_PARAMETER.sub(r"\1***", _CREDENTIALS.sub("***@", text))
 
 
 def _identifier(text: str) -> str:
@@ -105,12 +97,6 @@ Polygon = Annotated[list[Point], AfterValidator(_simple_polygon)]
 SitePath = Annotated[Path, AfterValidator(_inside_folder)]
 Url = Annotated[str, AfterValidator(expand_environment)]
 ImageSize = tuple[Annotated[int, Field(ge=16, le=16384)], Annotated[int, Field(ge=16, le=16384)]]
-
-
-class Part(BaseModel):
-    """Any mapping of the site file; an unknown key is a mistake."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Obstacle(Part):

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 import yaml
 
+from shared.redaction import redact_url
 from shared.site import Site, SiteError, load_site
-from shared.site.site_file import expand_environment, redact_url
+from shared.site.site_file import expand_environment
 
 SITES = Path(__file__).resolve().parents[3] / "deploy" / "sites"
 HALL: dict[str, Any] = yaml.safe_load((SITES / "hall" / "site.yaml").read_text(encoding="utf-8"))
