@@ -17,7 +17,8 @@ from services.cli.launcher import LauncherError
 from services.cli.recorder import record
 from shared.bus import Bus, Delivery, Inbox
 from shared.keys import Keys
-from shared.messages import CameraStatus, DetectionFrame, GroundTruth, Message, TrackFrame
+from shared.messages import CameraStatus, DetectionFrame, Message, TrackFrame
+from shared.truth import GroundTruth, truth_key
 
 __all__ = ["PetsRun", "Sample", "run_clip"]
 
@@ -81,7 +82,7 @@ def run_clip(folder: Path, *, quiet: bool = True) -> PetsRun:
             inbox.subscribe(keys.detections(), DetectionFrame)
             inbox.subscribe(keys.tracks(), TrackFrame)
             inbox.subscribe(keys.camera_status(), CameraStatus, cached=True)
-            inbox.subscribe(keys.truth(), GroundTruth)
+            inbox.subscribe(truth_key(keys), GroundTruth)
 
             def keep_record() -> None:
                 run.counts.update(record(recorder_bus, demo.site, demo.site_file, run.recording, stopping))

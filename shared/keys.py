@@ -66,10 +66,6 @@ class Keys:
         """Liveliness token of one running service."""
         return f"{self.root}/alive/{_part(service)}/{_part(instance)}"
 
-    def truth(self) -> str:
-        """GroundTruth, from the simulator to benchmarks only."""
-        return f"{self.root}/truth"
-
 
 def _part(text: str) -> str:
     if text == "*" or is_identifier(text):

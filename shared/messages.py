@@ -21,7 +21,6 @@ __all__ = [
     "ChunkMark",
     "DetectionFrame",
     "Erasure",
-    "GroundTruth",
     "InertialColumns",
     "Message",
     "MessageError",
@@ -222,21 +221,6 @@ class Erasure(Message, frozen=True, kw_only=True):
     """A device's consent was withdrawn: everybody forgets which track it was on, from now on."""
 
     device: str
-
-
-class GroundTruth(Message, frozen=True, kw_only=True):
-    """Where everybody really is. From the simulator to the benchmarks only."""
-
-    person: list[str] = []
-    floor: list[str] = []
-    x: list[float] = []
-    y: list[float] = []
-    device: list[str | None] = []
-
-    @classmethod
-    def columns(cls) -> tuple[str, ...]:
-        """One entry per person."""
-        return ("person", "floor", "x", "y", "device")
 
 
 M = TypeVar("M", bound=Message)

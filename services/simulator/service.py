@@ -27,7 +27,8 @@ from services.simulator.trajectories import Trajectories, TrajectoryError
 from services.simulator.video_server import FrameFeed, video_app
 from services.simulator.walkers import Walkers
 from shared.http_server import serve
-from shared.messages import CameraStatus, GroundTruth
+from shared.messages import CameraStatus
+from shared.truth import GroundTruth, truth_key
 from shared.runner import Service
 from shared.settings import SettingsError
 from shared.site import Camera, Floor, Site
@@ -166,7 +167,7 @@ class Simulator(Service[SimulatorSettings]):
         """Publish where everybody is, at the table's or the walkers' own instants, until ``ended``."""
         if not self.settings.truth:
             return
-        publisher = self.bus.publisher(self.keys.truth(), GroundTruth)
+        publisher = self.bus.publisher(truth_key(self.keys), GroundTruth)
         told = -1.0
         while not ended.wait(_TRUTH_PERIOD) and not self.stopping.is_set():
             now = time.time() - epoch

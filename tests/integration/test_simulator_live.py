@@ -16,8 +16,9 @@ from waiting import wait_until
 
 from shared.bus import Bus, Inbox
 from shared.keys import Keys
-from shared.messages import CameraStatus, GroundTruth, MotionBatch, RadioScan
+from shared.messages import CameraStatus, MotionBatch, RadioScan
 from shared.site import load_site
+from shared.truth import GroundTruth, truth_key
 
 
 @contextmanager
@@ -67,7 +68,7 @@ def test_visitors_are_seen_heard_and_known_to_the_truth(zenoh_router: str, tmp_p
     }
     with Bus([zenoh_router]) as bus:
         inbox = bus.inbox()
-        for key, kind in ((keys.truth(), GroundTruth), (keys.radio(), RadioScan), (keys.motion(), MotionBatch)):
+        for key, kind in ((truth_key(keys), GroundTruth), (keys.radio(), RadioScan), (keys.motion(), MotionBatch)):
             inbox.subscribe(key, kind)
         with (
             process("services.gateway", tmp_path, zenoh_router, site_file, ATRIUM_GATEWAY_PORT=str(gateway_port)),
@@ -120,7 +121,7 @@ def test_phones_and_truth_follow_the_clip_of_a_camera_and_start_again_with_it(
     }
     with Bus([zenoh_router]) as bus:
         inbox = bus.inbox()
-        inbox.subscribe(keys.truth(), GroundTruth)
+        inbox.subscribe(truth_key(keys), GroundTruth)
         camera = bus.publisher(keys.camera_status("hall-east"), CameraStatus, cached=True)
         with process("services.simulator", tmp_path, zenoh_router, site_file, **simulator) as health:
             assert "hall-east" in httpx.get(health + "/readyz").json()["problems"]["clip"]

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shared.keys import Keys, is_identifier
+from shared.truth import truth_key
 
 identifiers = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", fullmatch=True)
 BUILDERS = ["detections", "camera_status", "radio", "motion", "tracks", "chunks", "fusion_state", "alert"]
@@ -55,4 +56,4 @@ def test_any_text_either_is_an_identifier_or_is_refused(text: str) -> None:
 
 
 def test_the_schema_version_stands_in_every_key() -> None:
-    assert Keys("hall").truth() == "atrium/1/hall/truth"
+    assert truth_key(Keys("hall")) == "atrium/1/hall/truth"

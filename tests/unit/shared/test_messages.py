@@ -16,7 +16,6 @@ from shared.messages import (
     CameraStatus,
     ChunkMark,
     DetectionFrame,
-    GroundTruth,
     InertialColumns,
     Message,
     MessageError,
@@ -29,6 +28,7 @@ from shared.messages import (
     pack_covariances,
     positions,
 )
+from shared.truth import GroundTruth
 
 KINDS: list[type[Message]] = [
     Alert,
