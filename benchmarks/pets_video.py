@@ -8,30 +8,27 @@ the same bytes. Run it with ``atrium bench pets-video``.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import yaml
-from rich.console import Console
-from rich.table import Table
+from rich.progress import Progress
 
+from benchmarks.experiment import Experiment, ExperimentError, Figures, Options
 from benchmarks.pets_picture import draw
 from benchmarks.pets_run import PetsRun, run_clip
 from benchmarks.pets_truth import FRAMES_PER_S, PetsTruth
-from benchmarks.result import PICTURES, write_result
 from benchmarks.tracking_metrics import TrackingScore, score_tracks
 from services.cli.demo import find_site
+from services.cli.launcher import LauncherError
 from services.cli.recording import Recording
 from services.cli.replay import Verdict, verify
 from shared.site import load_site
 
-__all__ = ["figures_of", "located_share", "main", "score_run"]
+__all__ = ["BARS", "EXPERIMENT", "add_arguments", "figures_of", "located_share", "main", "measure", "score_run"]
 
-HARSH = {"ATRIUM_RADIO_SHADOWING": "6", "ATRIUM_RADIO_SHADOWING_LENGTH": "1.5", "ATRIUM_RADIO_NOISE": "3"}
-"""Identity assumes about 4 dB of shadowing alike over 3 m, and 2.5 dB of noise."""
 GATE = 1.0
 FRESH = 2.0
 BARS = {"mota": 0.75, "idf1": 0.65, "located_within_1m": 0.70, "replay_identical": 1.0}
@@ -121,45 +118,67 @@ def phones_seed() -> int:
     return int(settings["seed"])
 
 
-def main() -> int:
-    """Run, print, write; exit status 1 when a bar is missed."""
-    parser = argparse.ArgumentParser(prog="atrium bench pets-video", description=__doc__)
-    parser.add_argument("--out", type=Path, help="write the result here instead of benchmarks/results")
-    parser.add_argument("--keep", type=Path, help="keep recording and log in this folder")
-    parser.add_argument(
-        "--harsh", action="store_true", help="in a radio world far from what identity assumes; result pets-video-harsh"
-    )
-    parser.add_argument("--verbose", action="store_true", help="show what the services log")
-    options = parser.parse_args()
-    console = Console()
-    experiment = "pets-video-harsh" if options.harsh else "pets-video"
-    if options.harsh:
-        os.environ.update(HARSH)
+def measure(options: Options, progress: Progress) -> Figures:
+    """Play the clip through all services, draw, and return the figures by name."""
+    if options.seed != phones_seed():
+        raise ExperimentError(f"the phones of the shipped site have seed {phones_seed()}, not {options.seed}")
+    progress.add_task("playing the clip at its own pace (two minutes)", total=None)
     truth = PetsTruth.load()
     with tempfile.TemporaryDirectory() as scratch:
-        folder = options.keep or Path(scratch)
+        folder = options.more.keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
-        with console.status("playing the clip at its own pace (two minutes) …"):
-            run = run_clip(folder, quiet=not options.verbose)
+        try:
+            run = run_clip(folder, quiet=not options.more.verbose)
+        except LauncherError as error:
+            raise ExperimentError(str(error)) from error
         figures, by_person, verdicts = figures_of(run, truth)
-    picture = options.out / f"{experiment}.png" if options.out else PICTURES / f"{experiment}.png"
-    draw(run, truth, picture)
-    bars = {} if options.harsh else BARS  # the bars are for the default world
-    table = Table("figure", "measured", "bar", title="PETS 2009 S2.L1 view 1, raw video, causal, six phones")
-    for name, value in figures.items():
-        bar = f">= {bars[name]:g}" if name in bars else ""
-        table.add_row(name, "–" if value is None else f"{value:.3f}".rstrip("0").rstrip("."), bar)
-    console.print(table)
+    draw(run, truth, options.picture)
     for person, share in sorted(by_person.items()):
-        console.print(f"  person {person:2d}: located within 1 m {share:.0%} of the time in view")
+        progress.console.print(f"  person {person:2d}: located within 1 m {share:.0%} of the time in view")
     for verdict in verdicts:
-        console.print(f"  {verdict}")
-    console.print(f"written to {write_result(experiment, 'pets09-s2l1', phones_seed(), figures, options.out)}")
-    console.print(f"drawn in {picture}")
-    missed = [name for name, bar in bars.items() if (figures[name] or 0.0) < bar]
-    if missed:
-        console.print(f"[red]below the bar: {', '.join(missed)}[/red]")
-    return 1 if missed else 0
+        progress.console.print(f"  {verdict}")
+    return figures
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what only a real run can be asked for."""
+    parser.add_argument("--keep", type=Path, help="keep recording and log in this folder")
+    parser.add_argument("--verbose", action="store_true", help="show what the services log")
+
+
+EXPERIMENT = Experiment(
+    name="pets-video",
+    question="The main job on a real clip: does Atrium know who is where, live, with all its services?",
+    kind="recording",
+    scenario="pets09-s2l1",
+    run=measure,
+    seed=1,
+    seeds=False,
+    arguments=add_arguments,
+    at_least=BARS,
+    picture="truth and tracks on the plan, and when each phone was located",
+    made="""The clip is PETS 2009 S2.L1, view 1, at 480 x 360 (795 frames, 7 frames/s, 19 people). All services run,
+the clip plays at its own pace, the detector starts cold on the first frame and never looks ahead. The camera is fitted
+to the ground from its Tsai calibration file; the area of interest was drawn by hand on a frame. Six people (the ones
+longest in view) carry emulated phones that post through the real gateway: one scan a second of six access points in a
+radio world whose constants differ from the site file's, with spatially correlated shadowing, and inertial data at
+50 Hz. No parameter was learned from the truth that is scored, but the detector's, tracker's and identity's defaults
+were *chosen looking at* this clip and this kind of radio world: expect less elsewhere. Credit: PETS 2009, University of
+Reading; labels of MOTChallenge 3D 2015 (neither is shipped).
+
+Tracks are scored with `motmetrics` at a gate of 1 m against people whose feet are in the picture. `located_within_1m`
+asks `GET /v1/positions` seven times a second and compares each phone's position with where its carrier is at that very
+moment, whatever the age of the answer. `names_right` is the share of published names whose track is within 1 m of the
+phone's carrier; a name published while the carrier is out of view counts as wrong. Latency runs from the camera service
+sending a frame's detections to fusion sending the tracks. `replay_identical` is 1 when recomputing the recording gives
+the same bytes for every frame. Phones' timing follows the wall clock, so identity differs from run to run: 0.84 to 0.86
+in two runs, 0.68 to 0.75 in the harsher world of `pets-video-harsh`.""",
+)
+
+
+def main() -> int:
+    """Run, print, write; exit status 1 when a bar is missed."""
+    return EXPERIMENT.main()
 
 
 if __name__ == "__main__":

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import platform
 import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
-__all__ = ["PICTURES", "RESULTS", "read_figures", "write_result"]
+__all__ = ["PICTURES", "RESULTS", "format_figure", "read_figures", "write_result"]
 
 RESULTS = Path(__file__).resolve().parent / "results"
 PICTURES = RESULTS.parent.parent / "docs" / "pictures"
@@ -35,16 +36,28 @@ def write_result(
         "seed": seed,
         "commit": _commit(),
         "machine": f"{platform.machine()}, {_cores()} cores, Python {platform.python_version()}",
-        "figures": {name: None if value is None else round(value, 4) for name, value in figures.items()},
+        "figures": {name: _stored(value) for name, value in figures.items()},
     }
-    path.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     return path
+
+
+def format_figure(value: float | None) -> str:
+    """Return a figure as tables show it: four digits, a dash where it is not defined."""
+    return "–" if value is None else format(value, ".4g")
 
 
 def read_figures(experiment: str) -> dict[str, float]:
     """Return the stored figures of an experiment."""
     figures: dict[str, float] = json.loads((RESULTS / f"{experiment}.json").read_text(encoding="utf-8"))["figures"]
     return figures
+
+
+def _stored(value: float | None) -> float | None:
+    """Round to four places; what is not a number, or infinite, is stored as not defined."""
+    if value is None or not math.isfinite(value):
+        return None
+    return value if isinstance(value, int) else round(float(value), 4)
 
 
 def _cores() -> int:
