@@ -14,15 +14,16 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "Atrium needs Python 3.11 or newer, found " + sys.version.split()[0] + "; choose one with: make PYTHON=python3.12")'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.run-stamp: pyproject.toml constraints.txt | $(BIN)/python
+$(VENV)/.run-stamp: pyproject.toml constraints.txt requirements-no-deps.txt | $(BIN)/python
 	@echo "==> installing Atrium and what its services run on (a minute or two)"
 	$(PIP) install --progress-bar on -c constraints.txt -e '.[all]'
+	$(PIP) install --progress-bar on --no-deps -r requirements-no-deps.txt
 	@touch $@
 
-$(VENV)/.dev-stamp: $(VENV)/.run-stamp requirements-no-deps.txt
+$(VENV)/.dev-stamp: $(VENV)/.run-stamp requirements-no-deps-bench.txt
 	@echo "==> installing the test and benchmark tools"
 	$(PIP) install --progress-bar on -c constraints.txt -e '.[all,dev,bench]'
-	$(PIP) install --progress-bar on --no-deps -r requirements-no-deps.txt
+	$(PIP) install --progress-bar on --no-deps -r requirements-no-deps-bench.txt
 	@touch $@
 
 setup: $(VENV)/.run-stamp ## create .venv with every service
