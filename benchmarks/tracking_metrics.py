@@ -140,8 +140,8 @@ def score_tracks(
 def score_record(truth: Truth, frames: Sequence[TrackFrame], every: int = 1, gate: float = GATE) -> TrackingScore:
     """Compare the tracks of a run with a world's truth, at every ``every``-th time of the truth.
 
-    At each time the newest frame at or before it is scored, unless it is older than one interval of what is scored and
-    than one interval between frames: then nothing was said.
+    At each time the newest frame at or before it is scored, unless it is older than one and a half of the intervals
+    between frames (or between scored times, if those are longer): then nothing was said.
 
     Args:
         truth: of the area the tracks are of.
@@ -156,7 +156,7 @@ def score_record(truth: Truth, frames: Sequence[TrackFrame], every: int = 1, gat
         return score_tracks(TruthRows.of(thinned), {}, 0, len(times) - 1, gate)
     newest = np.searchsorted(told, times + 1e-6, side="right") - 1
     interval = max(_interval(times), _interval(told))
-    current = (newest >= 0) & (times - told[newest] <= interval + 1e-6)
+    current = (newest >= 0) & (times - told[newest] <= 1.5 * interval + 1e-6)
     tracks = {int(number): frames[newest[number]] for number in np.flatnonzero(current)}
     return score_tracks(TruthRows.of(thinned), tracks, 0, len(times) - 1, gate)
 
