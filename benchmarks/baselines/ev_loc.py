@@ -8,8 +8,8 @@
 Off line: the answer for a window is known at its end. What the original leaves open is settled here as follows. Signal
 strengths (dBm) of half a second before to half a second after each time are averaged. A distance cannot be longer than
 from the access point to the far corner of the view. Access points that were not heard are left out and the difference
-is scaled to the number of all. A time at which a track is not there counts as a device's mean difference to all tracks
-of the window, so that neither short nor long tracks are favoured.
+is scaled to the number of all. A time at which a track is not there counts as the mean difference to somebody anywhere
+in view, so that a short track has to be better than a long one.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ from shared.radio.path_loss import DEVICE_HEIGHT, NEAREST
 __all__ = ["EvLocParameters", "locate", "locate_on_tracks", "trilaterate"]
 
 Array = NDArray[np.float64]
+
+GRID = 5
+"""Places along each side of the view that stand for anywhere in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +102,7 @@ def locate_on_tracks(
         first, last = np.searchsorted(window, [this, this + 1]).tolist()
         _, seen = tracks.between(first, last)
         some = compared[first:last]
-        for device, which in _pairs(seen[some], heard[:, first:last][:, some], model):
+        for device, which in _pairs(seen[some], heard[:, first:last][:, some], model, record.view):
             places[device, first:last] = _fuse(seen[:, which], heard[device, first:last], model, record.view, chosen)
     return dict(zip(devices, places, strict=True))
 
@@ -154,29 +157,31 @@ def _heard_distances(
 def _distances(places: Array, model: PathLoss) -> Array:
     """Return the distances in space (…, m) from places (…, 2), at phone height, to the access points."""
     distance: Array = 10.0 ** (model.log_distance(places.reshape(-1, 2)) / 10.0)
-    return distance.reshape(*places.shape[:-1], -1)
+    return distance.reshape(*places.shape[:-1], len(model.names))
 
 
-def _pairs(seen: Array, heard: Array, model: PathLoss) -> list[tuple[int, int]]:
+def _pairs(seen: Array, heard: Array, model: PathLoss, view: Array) -> list[tuple[int, int]]:
     """Return (device, track) pairs of one window: tracks ``seen`` (w, m, 2), distances ``heard`` (d, w, k)."""
-    by_sight = _distances(seen, model)
-    known = np.isfinite(heard)
-    share = known.sum(axis=2) / heard.shape[2]
-    difference = np.full((len(heard), *seen.shape[:2]), np.nan)
-    for device in range(len(heard)):
-        apart = by_sight - heard[device][:, None]
-        squared = np.where(known[device][:, None], apart, 0.0) ** 2
-        useful = share[device] > 0.0
-        difference[device, useful] = np.sqrt(squared[useful].sum(axis=2) / share[device][useful][:, None])
-    there = np.isfinite(difference)
-    able = np.flatnonzero(there.any(axis=(1, 2)))
-    if len(able) == 0:
-        return []
-    difference, there = difference[able], there[able]
-    typical = np.nanmean(difference, axis=(1, 2), keepdims=True)
-    cost = np.where(there, difference, typical).sum(axis=1)
+    difference = _differences(_distances(seen, model), heard)
+    low, high = view.min(axis=0), view.max(axis=0)
+    spread = (np.arange(GRID) + 0.5) / GRID
+    anywhere = low + (high - low) * np.stack(np.meshgrid(spread, spread), axis=-1).reshape(1, -1, 2)
+    of_anybody = _differences(_distances(anywhere, model), heard).mean(axis=2, keepdims=True)
+    listened = np.isfinite(of_anybody[:, :, 0])
+    able = np.flatnonzero(listened.any(axis=1))
+    cost = np.where(np.isfinite(difference), difference, of_anybody)
+    cost = np.where(listened[:, :, None], cost, 0.0).sum(axis=1)[able]
     row, which = linear_sum_assignment(cost)
     return list(zip(able[row].tolist(), which.tolist(), strict=True))
+
+
+def _differences(by_sight: Array, heard: Array) -> Array:
+    """Return ‖x − y‖ (d, w, m) of distances ``by_sight`` (w, m, k) and ``heard`` (d, w, k); NaN if either is unknown."""
+    known = np.isfinite(heard)
+    apart = np.where(known[:, :, None], by_sight - np.where(known, heard, 0.0)[:, :, None], 0.0)
+    share = np.where(known.any(axis=2), known.mean(axis=2), np.nan)
+    difference: Array = np.sqrt((apart**2).sum(axis=3) / share[:, :, None])
+    return difference
 
 
 def _fuse(seen: Array, heard: Array, model: PathLoss, view: Array, parameters: EvLocParameters) -> Array:
