@@ -236,9 +236,13 @@ def in_parallel(
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(cells)), mp_context=context) as pool:
         futures = [pool.submit(work, *cell) for cell in cells]
-        for done in as_completed(futures):
-            done.result()  # the first failure ends the experiment here, not after hours
-            progress.advance(task)
+        try:
+            for done in as_completed(futures):
+                done.result()
+                progress.advance(task)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)  # the first failure ends the experiment now, not after all other cells
+            raise
         return [future.result() for future in futures]
 
 

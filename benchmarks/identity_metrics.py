@@ -136,7 +136,7 @@ def bearers(truth: Truth, frames: Sequence[TrackFrame], gate: float = GATE, fres
     """
     devices = {truth.device[place]: column for column, place in enumerate(truth.carriers())}
     found = np.full((len(truth.t), len(devices)), UNNAMED, np.int64)
-    known: NDArray[np.bool_] = np.isfinite(truth.position).all(axis=2)
+    known = np.asarray(np.all(np.isfinite(truth.position), axis=2))
     for row, newest in enumerate(newest_frames(truth.t, frames, fresh)):
         if newest < 0 or not any(device in devices for device in frames[newest].device):
             continue

@@ -162,7 +162,7 @@ def draw(figures: Mapping[str, float], path: Path) -> None:
             halves = [figures[f"{prefix}{kind}_{half}_half"] for half in ("first", "second")]
             shares.plot([x, x], halves, color="0.2", linewidth=1.5)
         speed.bar(place, figures[f"{prefix}frames_per_s"])
-    shares.set(xticks=range(len(kinds)), xticklabels=["MOTA", "IDF1", "HOTA"], ylim=(0.5, 1.0))
+    shares.set(xticks=range(len(kinds)), xticklabels=["MOTA", "IDF1", "HOTA"], ylim=(0.0, 1.0))
     shares.set_title("share (lines: the two halves of the clip)")
     shares.legend(frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.1))
     speed.set(xticks=range(len(names)), xticklabels=list(names.values()), yscale="log", title="frames/s, one thread")
