@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from shared.site import CameraGeometry
 
-__all__ = ["Clothes", "draw_figure", "draw_shadow", "figure_box", "pose_figure", "project_figure"]
+__all__ = ["Clothes", "Figure", "draw_figure", "draw_shadow", "figure_box", "pose_figure", "project_figure"]
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -39,6 +39,7 @@ _SKINS: Sequence[Colour] = [(165, 190, 228), (140, 172, 214), (95, 130, 178), (6
 _HAIR: Sequence[Colour] = [(28, 32, 40), (40, 66, 98), (92, 140, 176), (120, 122, 126)]
 _SHOES: Colour = (36, 36, 42)
 _STRIDE = 1.35  # metres per gait cycle (two steps) by which legs swing
+_FACE_SEEN = 0.25  # cosine from which a face shows
 _SHIFT = 4  # sub-pixel bits of OpenCV's drawing functions
 
 
@@ -119,28 +120,51 @@ def pose_figure(clothes: Clothes, position: Array, heading: float, speed: float,
     return joints
 
 
-def project_figure(joints: Array, camera: CameraGeometry) -> tuple[Array, float] | None:
-    """Return the joints' pixels (19, 2) and the scale in pixels per metre, or None where the camera cannot see them."""
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A posed figure in the picture.
+
+    Attributes:
+        pixels: (19, 2) of the joints.
+        scale: pixels per metre at its middle.
+        near: the side, 0 left or 1 right, that is nearer to the camera.
+        facing: cosine between where the face looks and the way from it to the camera.
+    """
+
+    pixels: Array
+    scale: float
+    near: int
+    facing: float
+
+
+def project_figure(joints: Array, camera: CameraGeometry) -> Figure | None:
+    """Return how the joints (19, 3) appear, or None where the camera cannot see them."""
     depth = float((joints.mean(axis=0) @ camera.rotation.T + camera.translation)[2])
     if depth < 0.5:
         return None
     pixels = camera.to_image(joints)
-    return (pixels, camera.focal[1] / depth) if np.isfinite(pixels).all() else None
+    if not np.isfinite(pixels).all():
+        return None
+    eye = camera.position
+    left, right = (math.dist(joints[side].tolist(), eye.tolist()) for side in _SHOULDER)
+    face, sight = (joints[_HEAD] - joints[_CROWN]) * [1.0, 1.0, 0.0], eye - joints[_HEAD]
+    facing = float(face @ sight) / max(float(np.linalg.norm(face) * np.linalg.norm(sight)), 1e-9)
+    return Figure(pixels, camera.focal[1] / depth, 0 if left < right else 1, facing)
 
 
-def figure_box(pixels: Array, scale: float, size: tuple[int, int]) -> tuple[int, int, int, int] | None:
+def figure_box(figure: Figure, size: tuple[int, int]) -> tuple[int, int, int, int] | None:
     """Return left, top, right, bottom of what a figure may touch, cut to the picture; None if that is nothing."""
-    low = np.floor(pixels.min(axis=0) - 0.25 * scale - 2).clip(0)
-    high = np.minimum(np.ceil(pixels.max(axis=0) + 0.25 * scale + 3), size)
+    reach = 0.25 * figure.scale
+    low = np.floor(figure.pixels.min(axis=0) - reach - 2).clip(0)
+    high = np.minimum(np.ceil(figure.pixels.max(axis=0) + reach + 3), size)
     if (low >= high).any():
         return None
     return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 
 
-def draw_figure(picture: Image, clothes: Clothes, pixels: Array, scale: float) -> None:
+def draw_figure(picture: Image, clothes: Clothes, figure: Figure) -> None:
     """Draw one figure into the picture, in place: far limbs first, each lit from the upper left."""
-    # The side whose shoulder is lower in the picture is nearer to a camera that looks down.
-    near = 0 if pixels[_SHOULDER[0], 1] > pixels[_SHOULDER[1], 1] else 1
+    pixels, scale, near = figure.pixels, figure.scale, figure.near
     trunk = (_HIP[0], _HIP[1], _SHOULDER[1], _SHOULDER[0])
     for side in (1 - near, near):
         dim = 0.82 if side != near else 1.0
@@ -153,14 +177,21 @@ def draw_figure(picture: Image, clothes: Clothes, pixels: Array, scale: float) -
     _limb(picture, pixels, (_NECK, _HEAD), (0.06, 0.06), scale, clothes.skin, 0.85)
     _ball(picture, pixels[_HEAD], 0.105 * scale, clothes.skin)
     _ball(picture, pixels[_CROWN], 0.104 * scale, clothes.hair)
-    # The face is what the hair leaves free on the side that the head looks to.
-    front = pixels[_HEAD] + 1.6 * (pixels[_HEAD] - pixels[_CROWN])
-    if front[1] > pixels[_HEAD, 1] + 0.01 * scale:
+    if figure.facing > _FACE_SEEN:
+        # The face is what the hair leaves free on the side that the head looks to; from above it is a sliver.
+        front = pixels[_HEAD] + 1.6 * (pixels[_HEAD] - pixels[_CROWN])
         _ball(picture, front + np.array([0.0, 0.02 * scale]), 0.075 * scale, clothes.skin)
 
 
-def draw_shadow(picture: Image, camera: CameraGeometry, position: Array) -> None:
-    """Darken the floor under a person, in place: a soft pool away from the light and a firm patch at the feet."""
+def draw_shadow(picture: Image, camera: CameraGeometry, position: Array, strength: float = 1.0) -> None:
+    """Darken the floor under a person, in place: a soft pool away from the light and a firm patch at the feet.
+
+    Args:
+        picture: (height, width, 3), BGR.
+        camera: its geometry.
+        position: (2,) of the feet, metres.
+        strength: 0 for none; 1 takes a fifth of the light in the pool and two fifths at the feet.
+    """
     angle = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
     circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(16)])
     pool = np.array([position[0] + 0.12, position[1] + 0.10, 0.0]) + circle * [0.40, 0.32, 0.0]
@@ -176,7 +207,8 @@ def draw_shadow(picture: Image, camera: CameraGeometry, position: Array) -> None
     cut = picture[low[1] : high[1], low[0] : high[0]]
     light = np.full(cut.shape, 255, np.uint8)
     for part, level in ((pixels[:16], 205), (pixels[16:], 150)):
-        cv2.fillConvexPoly(light, _fixed(part - low), (level, level, level), cv2.LINE_AA, _SHIFT)
+        shade = max(0.0, 255.0 - strength * (255 - level))
+        cv2.fillConvexPoly(light, _fixed(part - low), (shade, shade, shade), cv2.LINE_AA, _SHIFT)
     cv2.blur(light, (7, 5), light)
     cv2.multiply(cut, light, cut, 1.0 / 255.0)
 

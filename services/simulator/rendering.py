@@ -6,7 +6,6 @@ the order or number of calls: a frame is a function of its number, its time and 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 import cv2
@@ -18,9 +17,10 @@ from services.simulator.figures import Clothes, draw_figure, draw_shadow, figure
 from services.simulator.people import Snapshot
 from services.simulator.scenery import paint_scenery
 from services.simulator.seeds import generator
+from services.simulator.video_light import Light, VideoParameters
 from shared.site import CameraGeometry, Floor
 
-__all__ = ["HallRenderer"]
+__all__ = ["HallRenderer", "VideoParameters"]
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -37,8 +37,7 @@ class HallRenderer:
         persons: everybody who may appear, in the order of ``Snapshot.index``.
         seed: decides textures, clothes and noise.
         holds_phone: whose hand holds a phone.
-        noise: standard deviation of the sensor noise, grey levels.
-        light_change: how far the light swings up and down in a minute or so, as a share.
+        video: light, shadows and noise.
     """
 
     def __init__(
@@ -48,22 +47,22 @@ class HallRenderer:
         persons: Sequence[str],
         seed: int,
         holds_phone: Callable[[str], bool] = lambda person: False,
-        noise: float = 2.5,
-        light_change: float = 0.04,
+        video: VideoParameters | None = None,
     ) -> None:
+        self.video = video or VideoParameters()
         self.camera = camera
         self._scenery = paint_scenery(floor, camera, generator(seed, "scenery", floor.id))
         self._clothes = [
             Clothes.draw(generator(seed, "clothes", person), number, holds_phone(person))
             for number, person in enumerate(persons)
         ]
-        self._light_change = light_change
+        self._light = Light(self.video, generator(seed, "light"))
         rng = generator(seed, "sensor noise")
         width, height = camera.image_size
         # One picture of noise is shifted to another place each frame: cheap, and new to every pixel.
         self._noise = [
-            np.rint(noise * rng.standard_normal((height + 64, width + 64, 3), np.float32)).astype(np.int16)
-            for _ in range(_NOISE_PICTURES if noise > 0.0 else 0)
+            np.rint(self.video.noise * rng.standard_normal((height + 64, width + 64, 3), np.float32)).astype(np.int16)
+            for _ in range(_NOISE_PICTURES if self.video.noise > 0.0 else 0)
         ]
         self._shifts = rng.integers(0, 64, (251, 2))
         for exhibit in self._scenery.exhibits:
@@ -87,14 +86,14 @@ class HallRenderer:
             number: of the frame; decides the noise.
         """
         picture = self._scenery.picture.copy()
-        for place in people.position:
-            draw_shadow(picture, self.camera, place)
-        self._cover_shadows(picture)
+        if self.video.shadows > 0.0:
+            for place in people.position:
+                draw_shadow(picture, self.camera, place, self.video.shadows)
+            self._cover_shadows(picture)
         eye = self.camera.position[:2]
         for k in np.argsort(-np.hypot(*(people.position - eye).T)).tolist():
             self._draw(picture, people, k)
-        light = 1.0 + self._light_change * (0.7 * math.sin(t / 11.0) + 0.3 * math.sin(t / 3.7))
-        cv2.convertScaleAbs(picture, picture, light)
+        cv2.convertScaleAbs(picture, picture, self._light.at(t))
         if self._noise:
             dx, dy = self._shifts[number % len(self._shifts)]
             height, width = picture.shape[:2]
@@ -114,14 +113,11 @@ class HallRenderer:
         joints = pose_figure(
             clothes, people.position[k], float(people.heading[k]), float(people.speed[k]), float(people.walked[k])
         )
-        projected = project_figure(joints, self.camera)
-        if projected is None:
+        figure = project_figure(joints, self.camera)
+        box = None if figure is None else figure_box(figure, self.camera.image_size)
+        if figure is None or box is None:
             return
-        pixels, scale = projected
-        box = figure_box(pixels, scale, self.camera.image_size)
-        if box is None:
-            return
-        draw_figure(picture, clothes, pixels, scale)
+        draw_figure(picture, clothes, figure)
         left, top, right, bottom = box
         line_of_sight = shapely.LineString([self.camera.position[:2], people.position[k]])
         for exhibit in self._scenery.exhibits:

@@ -25,6 +25,11 @@ Colour = tuple[float, float, float]
 
 _SCALE = 2
 _WALL_HEIGHT = 3.2
+_PARTITION_HEIGHT = 3.0
+_THICKNESS = 0.12
+_PARTITION = -1
+"""Stands for the number of an exhibit where there is a wall within the floor."""
+_PLASTER: Colour = (186, 194, 198)
 _PLINTHS: Sequence[Colour] = [(205, 208, 212), (188, 196, 206), (172, 186, 200), (198, 200, 190), (210, 205, 198)]
 _ACCENTS: Sequence[Colour] = [(150, 92, 48), (190, 190, 185), (70, 110, 165), (60, 76, 110), (140, 120, 40)]
 _LIGHT = np.array([-0.45, -0.55, 0.7]) / math.sqrt(0.45**2 + 0.55**2 + 0.7**2)
@@ -60,19 +65,26 @@ def paint_scenery(floor: Floor, camera: CameraGeometry, rng: np.random.Generator
     large = camera.scaled_to(width * _SCALE, height * _SCALE)
     canvas = _floor(floor, large, rng)
     outline = shapely.Polygon(floor.outline)
+    inner = []
     for start, end in _walls_far_to_near(floor, large):
-        _wall(canvas, large, outline, start, end, rng)
+        if shapely.distance(outline.exterior, shapely.Point(*(0.5 * (start + end)))) > _THICKNESS:
+            inner.append(_partition(start, end))
+        else:
+            _wall(canvas, large, outline, start, end, rng)
+    solids = [(np.array(obstacle.polygon), number) for number, obstacle in enumerate(floor.obstacles)]
+    solids += [(ring, _PARTITION) for ring in inner]
+    eye = large.position[:2].tolist()
+    solids.sort(key=lambda solid: -math.dist(solid[0].mean(axis=0).tolist(), eye))
+    for ring, number in solids:
+        if number != _PARTITION:
+            _contact_shadow(canvas, large, ring)
     exhibits = []
-    order = sorted(
-        enumerate(floor.obstacles),
-        key=lambda item: -math.dist(np.mean(item[1].polygon, axis=0).tolist(), large.position[:2].tolist()),
-    )
-    for _, obstacle in order:
-        _contact_shadow(canvas, large, np.array(obstacle.polygon))
-    for number, obstacle in order:
+    for ring, number in solids:
         mask = np.zeros(canvas.shape[:2], np.uint8)
-        ring = np.array(obstacle.polygon)
-        _exhibit(canvas, mask, large, ring, number)
+        if number == _PARTITION:
+            _prism(canvas, mask, large, ring, 0.0, _PARTITION_HEIGHT, _PLASTER)
+        else:
+            _exhibit(canvas, mask, large, ring, number)
         small = cv2.resize(mask, (width, height), interpolation=cv2.INTER_AREA)
         left, top, w, h = cv2.boundingRect(small)
         if w and h:
@@ -130,6 +142,14 @@ def _walls_far_to_near(floor: Floor, camera: CameraGeometry) -> list[tuple[Array
             pieces += itertools.pairwise(stops)
     eye = camera.position[:2]
     return sorted(pieces, key=lambda piece: -math.dist(0.5 * (piece[0] + piece[1]), eye))
+
+
+def _partition(start: Array, end: Array) -> Array:
+    """Return the corners (4, 2) of a stretch of wall within the floor; stretches overlap at corners of the wall."""
+    along = (end - start) / max(math.dist(start, end), 1e-9)
+    aside = 0.5 * _THICKNESS * np.array([-along[1], along[0]])
+    more = 0.5 * _THICKNESS * along
+    return np.array([start - more - aside, end + more - aside, end + more + aside, start - more + aside])
 
 
 def _wall(

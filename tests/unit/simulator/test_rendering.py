@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from services.simulator.people import Snapshot
-from services.simulator.rendering import HallRenderer
+from services.simulator.rendering import HallRenderer, VideoParameters
 from shared.site import Site, load_site
 
 PERSONS = ("a", "b", "c")
@@ -22,7 +22,9 @@ def hall() -> Site:
 def still(hall: Site) -> HallRenderer:
     """A camera without noise and light change: what differs is people."""
     geometry = hall.cameras[0].geometry.build()
-    return HallRenderer(hall.floor("ground"), geometry, PERSONS, seed=5, noise=0.0, light_change=0.0)
+    return HallRenderer(
+        hall.floor("ground"), geometry, PERSONS, seed=5, video=VideoParameters(noise=0.0, light_change=0.0)
+    )
 
 
 def standing(*places: tuple[float, float], heading: float = -1.57) -> Snapshot:
@@ -104,7 +106,7 @@ def test_same_seed_and_frame_number_give_the_same_noise_and_another_number_other
 
 def test_light_changes_slowly(hall: Site) -> None:
     geometry = hall.cameras[0].geometry.build().scaled_to(320, 240)
-    renderer = HallRenderer(hall.floor("ground"), geometry, PERSONS, seed=5, noise=0.0)
+    renderer = HallRenderer(hall.floor("ground"), geometry, PERSONS, seed=5, video=VideoParameters(noise=0.0))
     nobody = standing()
     level = np.array([renderer.frame(nobody, t, 0).mean() for t in np.arange(0.0, 70.0, 1.0)])
     assert 0.03 < np.ptp(level) / level.mean() < 0.12
