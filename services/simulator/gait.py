@@ -1,83 +1,99 @@
 """What do a walking person's phone sensors read? Accelerometer, gyroscope and compass in the phone's own axes.
 
-The phone's attitude is a rotation sequence (heading, then how it is held, then how it wobbles); the gyroscope is the
-difference of successive attitudes, so that integrating it gives the attitude back, and accelerometer and compass are
-the world's vectors seen from it. In the hand: vertical and forward harmonics of the step, sideways at the stride
-[self-calibrating-rss-thesis §3.5]. In the pocket: the thigh's pendulum [nonvisual-visual-fusion-dissertation §8].
+The phone's attitude is a chain of rotations: where the body faces, how thigh or hand swing, how the phone is held
+(``services.simulator.carrying``). The gyroscope is the difference of successive attitudes, so that integrating it gives
+the attitude back; accelerometer and compass are the world's vectors seen from it. In the hand: vertical and forward
+harmonics of the step, sideways at the stride [self-calibrating-rss-thesis §3.5]. In the pocket: the thigh's pendulum
+[nonvisual-visual-fusion-dissertation §8].
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
-from scipy.spatial.transform import Rotation
+from pydantic import Field
+from scipy.signal import butter, lfilter
 
-__all__ = ["FIELD_DIP", "FIELD_STRENGTH", "GRAVITY", "Gait", "InertialSamples", "PhoneSensors", "step_frequency"]
+from services.simulator.carrying import Carried, Carrying, CarryingParameters, Habit
+from services.simulator.stride import Steps, Stride, StrideParameters, StrideRhythm
+from shared.site.site_file import Number, Part
+
+__all__ = ["GRAVITY", "Gait", "InertialSamples", "PhoneSensors", "SensorParameters"]
 
 Array = NDArray[np.float64]
-Carrying = Literal["hand", "pocket"]
 
 GRAVITY = 9.81
-FIELD_STRENGTH = 48.0
-"""Total magnetic field, µT."""
-FIELD_DIP = math.radians(62.0)
-"""Angle by which the field points below the horizon (central Europe)."""
-_STILL = 0.2  # below this speed, m/s, nobody takes steps
+_STILL = 0.2  # below this speed, m/s, legs hardly swing
+_STARTS = 0.12  # seconds in which a walk gets its swing, and loses it
+_TURNS = 0.1  # seconds in which a phone follows its carrier's turn
+_HANDLING = (0.6, 3.5)  # Hz; fingers and arms are about as quick as steps
+
+
+class SensorParameters(Part):
+    """The sensors of a phone's price class."""
+
+    gyro_bias: Number = Field(0.005, ge=0, le=0.2, description="std of a phone's constant gyroscope bias, rad/s")
+    gyro_drift: Number = Field(0.001, ge=0, le=0.1, description="std of what wanders about it within minutes, rad/s")
+    gyro_noise: Number = Field(0.008, ge=0, le=0.5, description="white, rad/s")
+    accelerometer_bias: Number = Field(0.06, ge=0, le=2, description="std of a phone's accelerometer bias, m/s²")
+    accelerometer_noise: Number = Field(0.08, ge=0, le=5, description="white, m/s²")
+    pocket_noise: Number = Field(0.6, ge=0, le=5, description="more of it in a swinging pocket, m/s²")
+    compass_bias: Number = Field(1.2, ge=0, le=30, description="std of what calibration leaves, per axis, µT")
+    compass_noise: Number = Field(0.5, ge=0, le=10, description="white, µT")
 
 
 @dataclass(frozen=True, slots=True)
 class Gait:
-    """How one person walks.
+    """How one person's body moves in walking; accelerations are amplitudes at 1.3 m/s.
 
     Attributes:
-        cadence: steps a second at 1.3 m/s.
-        vertical: amplitude of the vertical acceleration at the step frequency at 1.3 m/s, m/s².
+        vertical: at the step frequency, m/s².
         forward: the same along the walk.
         sideways: at the stride frequency.
+        limp: how much harder one foot strikes than the other, as a share.
+        swing: of the thigh, radians.
     """
 
-    cadence: float
     vertical: float
     forward: float
     sideways: float
+    limp: float
+    swing: float
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Gait:
-        """Return somebody's gait: strides differ from person to person by some 6 %."""
+        """Return somebody's gait."""
         return cls(
-            cadence=float(1.86 * np.clip(rng.normal(1.0, 0.06), 0.85, 1.15)),
             vertical=float(rng.uniform(1.9, 2.8)),
             forward=float(rng.uniform(0.8, 1.4)),
             sideways=float(rng.uniform(0.5, 0.9)),
+            limp=float(np.clip(rng.normal(0.0, 0.08), -0.2, 0.2)),
+            swing=math.radians(rng.uniform(19.0, 25.0)),
         )
 
 
 @dataclass(frozen=True, slots=True)
 class InertialSamples:
-    """Sensor readings in the phone's axes (x right, y to the top, z out of the screen), each (n, 3).
+    """Sensor readings in the phone's axes (x right, y to the top, z out of the screen), each (n, 3), and the truth.
 
     Attributes:
         acceleration: m/s², gravity included.
         rotation: rad/s.
         field: µT.
-        steps: true number of steps taken by each sample, (n,), for tests.
+        attitude: (n, 3, 3) true rotations from the phone's axes to the plan's.
+        steps: the true steps.
+        carried: how the phone was carried.
     """
 
     acceleration: Array
     rotation: Array
     field: Array
-    steps: Array
-
-
-def step_frequency(gait: Gait, speed: Array) -> Array:
-    """Return steps a second, (n,), at ``speed`` (n,) m/s: people walk faster half by cadence, half by longer steps."""
-    frequency: Array = gait.cadence * np.sqrt(np.maximum(speed, 0.25) / 1.3)
-    return np.where(speed > _STILL, frequency, 0.0)
+    attitude: Array
+    steps: Steps
+    carried: Carried
 
 
 class PhoneSensors:
@@ -85,118 +101,191 @@ class PhoneSensors:
 
     Args:
         rng: decides gait, grip, biases and noise.
-        north: direction of the compass's north on the plan, radians counter-clockwise from +x.
-        carrying: held before the body, or in a trouser pocket.
-        rate: samples a second.
+        carrying: held before the body, in a trouser pocket, or by turns.
+        rate: samples a second, nominally.
     """
 
-    def __init__(self, rng: np.random.Generator, north: float, carrying: Carrying = "hand", rate: float = 50.0) -> None:
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        carrying: Carrying = "hand",
+        rate: float = 50.0,
+        sensors: SensorParameters | None = None,
+        stride: StrideParameters | None = None,
+        habits: CarryingParameters | None = None,
+    ) -> None:
+        stride = stride or StrideParameters()
         self.gait = Gait.draw(rng)
-        self.carrying = carrying
+        self.stride = Stride.draw(rng, stride)
+        self._own = sensors or SensorParameters()
+        self._habits = habits or CarryingParameters()
         self._rng = rng
         self._dt = 1.0 / rate
-        horizontal = FIELD_STRENGTH * math.cos(FIELD_DIP)
-        self._field = np.array(
-            [horizontal * math.cos(north), horizontal * math.sin(north), -FIELD_STRENGTH * math.sin(FIELD_DIP)]
-        )
-        if carrying == "hand":
-            # Turned from the walk, raised at the top, tilted to a side: how this person holds it.
-            self._grip = np.radians([rng.normal(0.0, 6.0), rng.uniform(15.0, 40.0), rng.normal(0.0, 4.0)])
-        else:
-            self._grip = rng.uniform(-math.pi, math.pi, 3) * np.array([1.0, 0.5, 1.0])
-        self._mounting = Rotation.from_euler("ZXY", self._grip)
-        self._gyro_bias = rng.normal(0.0, 0.008, 3)
-        self._field_bias = rng.normal(0.0, 0.8, 3)
-        self._phase = float(rng.uniform(0.0, 2.0 * math.pi))
-        self._tempo = 0.0
+        # Parts with generators of their own: one more fidget changes no step.
+        rhythm, habit, self._handling = rng.spawn(3)
+        self._rhythm = StrideRhythm(rhythm, self.stride, stride.irregularity)
+        self._habit = Habit(habit, carrying, self._habits)
+        self._gyro_bias = rng.normal(0.0, 1.0, 3) * self._own.gyro_bias
+        self._gyro_drift = rng.normal(0.0, 1.0, 3) * self._own.gyro_drift
+        self._accelerometer_bias = rng.normal(0.0, 1.0, 3) * self._own.accelerometer_bias
+        self._compass_bias = rng.normal(0.0, 1.0, 3) * self._own.compass_bias
         self._wander = np.zeros(3)
-        self._strength = 0.0
-        self._attitude: Rotation | None = None
-        self._walked_phase = 0.0
+        self._follows: Array | None = None
+        self._attitude: Array | None = None
+        self._t = 0.0
+        poles, zeros = butter(2, _HANDLING, "bandpass", fs=rate)
+        response = lfilter(poles, zeros, np.eye(1, int(20.0 * rate))[0])
+        self._shaking = poles / np.linalg.norm(response), zeros  # white noise in, standard deviation 1 out
+        self._shake = np.zeros((4, 6))
 
-    def sample(self, heading: Array, speed: Array) -> InertialSamples:
-        """Return the readings of the next n samples, evenly spaced.
+    def restart(self) -> None:
+        """Go on after a time of which nothing is known."""
+        self._rhythm.restart()
+        self._follows = self._attitude = None
+
+    def sample(self, t: Array, heading: Array, speed: Array, walked: Array, field: Array) -> InertialSamples:
+        """Return the readings of the next n samples.
 
         Args:
+            t: (n,) seconds, increasing, about ``1 / rate`` apart.
             heading: where the body faces, (n,), radians counter-clockwise from the plan's +x, unwrapped.
             speed: (n,), m/s.
+            walked: (n,), metres walked so far.
+            field: of the Earth and the building at the phone, (n, 3) µT in plan axes.
         """
-        n, rng, dt = len(speed), self._rng, self._dt
-        # No two steps are alike: the tempo wanders by some 3 %.
-        tempo = self._drift(self._tempo, n, seconds=1.5, sigma=0.03)
-        self._tempo = float(tempo[-1])
-        frequency = step_frequency(self.gait, speed) * (1.0 + tempo)
-        phase = self._phase + 2.0 * math.pi * dt * np.cumsum(frequency)
-        steps = self._walked_phase + (phase - self._phase) / (2.0 * math.pi)
-        self._phase, self._walked_phase = float(phase[-1]), float(steps[-1])
-        # Amplitude follows the speed; starting and stopping take a third of a second.
-        wanted = np.where(speed > _STILL, np.clip(speed / 1.3, 0.35, 1.4), 0.0)
-        share = dt / (dt + 0.12)
-        strength, _ = lfilter([share], [1.0, share - 1.0], wanted, zi=[(1.0 - share) * self._strength])
-        self._strength = float(strength[-1])
-        wander = np.column_stack([self._drift(self._wander[axis], n, 4.0, math.radians(2.5)) for axis in range(3)])
-        self._wander = wander[-1]
-
-        motion = self._hand if self.carrying == "hand" else self._pocket
-        attitude, body = motion(phase, strength, frequency, heading, wander)
+        n, rng, own = len(t), self._rng, self._own
+        steps = self._rhythm.follow(t, walked, speed)
+        carried = self._habit.follow(t, speed)
+        heading, strength = self._inertia(heading, speed)
+        phase = 2.0 * math.pi * steps.count
+        body = carried.push + strength[:, None] * self._in_hand(phase) * carried.hand[:, None]
+        wander = self._wandering(n)
+        angles = wander + (carried.hand * strength)[:, None] * _sway(phase)
+        loose = 1.0 - carried.hand
+        if loose.any():
+            swing, acceleration = self._in_pocket(phase, strength, self.stride.cadence(speed))
+            angles[:, 1] -= loose * swing
+            body += loose[:, None] * acceleration
+        if carried.fidget.any():
+            shaking = carried.fidget[:, None] * self._handled(n)
+            # Who fidgets with a phone in the pocket moves a leg.
+            weight = 1.0 - 0.6 * loose[:, None]
+            body += weight * self._habits.fidget_strength * (shaking[:, :3] + carried.rhythm)
+            angles += weight * math.radians(9.0) * shaking[:, 3:]
+        angles[:, 2] += heading
+        attitude = _turned(angles) @ carried.mount
         cos, sin = np.cos(heading), np.sin(heading)
         world = np.column_stack(
             [cos * body[:, 0] - sin * body[:, 1], sin * body[:, 0] + cos * body[:, 1], body[:, 2] + GRAVITY]
         )
-        acceleration = attitude.apply(world, inverse=True) + rng.normal(0.0, 0.12, (n, 3))
-        return InertialSamples(
-            acceleration=acceleration,
-            rotation=self._rotation_rate(attitude) + self._gyro_bias + rng.normal(0.0, 0.01, (n, 3)),
-            field=attitude.apply(self._field, inverse=True) + self._field_bias + rng.normal(0.0, 0.5, (n, 3)),
+        noise = rng.normal(size=(n, 9))
+        impact = own.accelerometer_noise + own.pocket_noise * strength * loose
+        readings = InertialSamples(
+            acceleration=_seen(attitude, world) + self._accelerometer_bias + impact[:, None] * noise[:, :3],
+            rotation=self._rotation_rate(t, attitude) + self._bias(n) + own.gyro_noise * noise[:, 3:6],
+            field=_seen(attitude, field) + self._compass_bias + own.compass_noise * noise[:, 6:],
+            attitude=attitude,
             steps=steps,
+            carried=carried,
         )
+        self._t = float(t[-1])
+        return readings
 
-    def _hand(
-        self, phase: Array, strength: Array, frequency: Array, heading: Array, wander: Array
-    ) -> tuple[Rotation, Array]:
-        """Return attitude (phone to plan) and acceleration (n, 3) forward, left, up, of a phone before the body."""
+    def _inertia(self, heading: Array, speed: Array) -> tuple[Array, Array]:
+        """Return heading and strength of the walk, (n,) each, as a body has them: nothing begins from one moment on."""
+        wanted = np.where(speed > _STILL, np.clip(speed / 1.3, 0.35, 1.5), np.maximum(speed, 0.0) / 1.3)
+        if self._follows is None:
+            self._follows = np.array([heading[0], wanted[0]])
+        share = self._dt / (self._dt + _TURNS)
+        turned, _ = lfilter([share], [1.0, share - 1.0], heading, zi=[(1.0 - share) * self._follows[0]])
+        share = self._dt / (self._dt + _STARTS)
+        strength, _ = lfilter([share], [1.0, share - 1.0], wanted, zi=[(1.0 - share) * self._follows[1]])
+        self._follows = np.array([turned[-1], strength[-1]])
+        return turned, strength
+
+    def _in_hand(self, phase: Array) -> Array:
+        """Return the acceleration (n, 3) forward, left, up, m/s², of a phone before the body."""
         gait = self.gait
-        wobble = strength[:, None] * np.column_stack(
-            [0.025 * np.sin(0.5 * phase), 0.02 * np.sin(phase + 0.4), 0.02 * np.sin(0.5 * phase + 1.1)]
-        )
-        # Held along the walk, the phone's y axis is the heading: x, to its right, lies 90 degrees clockwise of that.
-        angles = self._grip + wander + wobble
-        angles[:, 0] += heading - 0.5 * math.pi
-        body = np.column_stack(
+        foot = 1.0 + gait.limp * np.sin(0.5 * phase)
+        return np.column_stack(
             [
                 gait.forward * (np.sin(phase + 0.6) + 0.25 * np.sin(2.0 * phase)),
                 gait.sideways * np.sin(0.5 * phase + 0.9),
-                gait.vertical * (np.cos(phase) + 0.3 * np.cos(2.0 * phase + 0.8)),
+                gait.vertical * foot * (np.cos(phase) + 0.3 * np.cos(2.0 * phase + 0.8)),
             ]
         )
-        return Rotation.from_euler("ZXY", angles), body * strength[:, None]
 
-    def _pocket(
-        self, phase: Array, strength: Array, frequency: Array, heading: Array, wander: Array
-    ) -> tuple[Rotation, Array]:
-        """Return the same for a phone that swings with a thigh, 0.35 m below the hip, mounted any way round."""
+    def _in_pocket(self, phase: Array, strength: Array, cadence: Array) -> tuple[Array, Array]:
+        """Return pitch (n,) of the thigh, radians, and acceleration (n, 3) of a phone 0.35 m below the hip."""
         arm, cycle = 0.35, 0.5 * phase
-        turning = math.pi * frequency
-        big, small = math.radians(22.0) * strength, math.radians(6.0) * strength
+        turning = math.pi * cadence
+        big, small = self.gait.swing * strength, math.radians(6.0) * strength
         pitch = big * np.sin(cycle) + small * np.sin(2.0 * cycle + 0.7)
         rate = turning * (big * np.cos(cycle) + 2.0 * small * np.cos(2.0 * cycle + 0.7))
         turn = -(turning**2) * (big * np.sin(cycle) + 4.0 * small * np.sin(2.0 * cycle + 0.7))
         forward = arm * (turn * np.cos(pitch) - rate**2 * np.sin(pitch)) + 1.2 * strength * np.sin(2.0 * cycle + 0.3)
         up = arm * (turn * np.sin(pitch) + rate**2 * np.cos(pitch)) + 2.0 * strength * np.sin(2.0 * cycle + 1.5)
         left = 1.2 * strength * np.sin(cycle + 1.1)
-        thigh = Rotation.from_euler("ZY", np.column_stack([heading + wander[:, 0], -pitch]))
-        return thigh * self._mounting, np.column_stack([forward, left, up])
+        return pitch, np.column_stack([forward, left, up])
 
-    def _rotation_rate(self, attitude: Rotation) -> Array:
+    def _wandering(self, n: int) -> Array:
+        """Return how a hand or a cloth yields, (n, 3) radians: a wander that forgets itself within 4 s."""
+        keep = math.exp(-self._dt / 4.0)
+        kicks = self._rng.normal(0.0, math.radians(2.5) * math.sqrt(1.0 - keep * keep), (n, 3))
+        wander: Array = lfilter([1.0], [1.0, -keep], kicks, axis=0, zi=keep * self._wander[None])[0]
+        self._wander = wander[-1]
+        return wander.copy()
+
+    def _handled(self, n: int) -> Array:
+        """Return accelerations and turns of fingers and arms, (n, 6), std 1."""
+        shaking: Array
+        shaking, self._shake = lfilter(*self._shaking, self._handling.normal(size=(n, 6)), axis=0, zi=self._shake)
+        return shaking
+
+    def _bias(self, n: int) -> Array:
+        """Return the gyroscope's bias, (n, 3): a constant, and what warms up and cools down within minutes."""
+        keep = math.exp(-n * self._dt / 300.0)
+        before = self._gyro_drift
+        kick = self._rng.normal(0.0, 1.0, 3) * self._own.gyro_drift * math.sqrt(1.0 - keep * keep)
+        self._gyro_drift = keep * before + kick
+        share = (np.arange(1, n + 1) / n)[:, None]
+        return self._gyro_bias + before + share * (self._gyro_drift - before)
+
+    def _rotation_rate(self, t: Array, attitude: Array) -> Array:
+        """Return the mean rate of turn since the sample before, (n, 3) rad/s in the phone's axes."""
         before = attitude[:1] if self._attitude is None else self._attitude
-        earlier = Rotation.concatenate([before, attitude[:-1]])
+        earlier = np.concatenate([before, attitude[:-1]])
+        since = t[0] - self._dt if self._attitude is None else self._t
         self._attitude = attitude[-1:]
-        rate: Array = (earlier.inv() * attitude).as_rotvec() / self._dt
+        # sin(angle) times the axis is the antisymmetric part of earlier' x attitude.
+        sine = np.empty((len(t), 3))
+        for axis, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
+            sine[:, axis] = 0.5 * (
+                np.einsum("nk,nk->n", earlier[:, :, i], attitude[:, :, j])
+                - np.einsum("nk,nk->n", earlier[:, :, j], attitude[:, :, i])
+            )
+        size = np.minimum(np.sqrt(np.einsum("nk,nk->n", sine, sine)), 1.0)
+        scale = np.where(size > 1e-6, np.arcsin(size) / np.maximum(size, 1e-9), 1.0)
+        rate: Array = sine * (scale / np.diff(t, prepend=since))[:, None]
         return rate
 
-    def _drift(self, start: float, n: int, seconds: float, sigma: float) -> Array:
-        """Return (n,) of a random wander about zero that forgets itself within ``seconds``."""
-        keep = math.exp(-self._dt / seconds)
-        kicks = self._rng.normal(0.0, sigma * math.sqrt(1.0 - keep * keep), n)
-        wander: Array = lfilter([1.0], [1.0, -keep], kicks, zi=[keep * start])[0]
-        return wander
+
+def _sway(phase: Array) -> Array:
+    """Return how a phone in the hand of somebody walking at 1.3 m/s nods, (n, 3) radians about forward, left, up."""
+    return np.column_stack([0.02 * np.sin(0.5 * phase + 1.1), -0.02 * np.sin(phase + 0.4), 0.025 * np.sin(0.5 * phase)])
+
+
+def _turned(angles: Array) -> Array:
+    """Return the rotations (n, 3, 3) about up, then left, then forward, by angles (n, 3) about forward, left, up."""
+    (sx, sy, sz), (cx, cy, cz) = np.sin(angles).T, np.cos(angles).T
+    turned = np.empty((len(angles), 3, 3))
+    turned[:, 0, 0], turned[:, 0, 1], turned[:, 0, 2] = cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx
+    turned[:, 1, 0], turned[:, 1, 1], turned[:, 1, 2] = sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx
+    turned[:, 2, 0], turned[:, 2, 1], turned[:, 2, 2] = -sy, cy * sx, cy * cx
+    return turned
+
+
+def _seen(attitude: Array, vectors: Array) -> Array:
+    """Return vectors (n, 3) of the plan in the phone's axes."""
+    seen: Array = np.einsum("nij,ni->nj", attitude, vectors)
+    return seen

@@ -1,4 +1,4 @@
-"""Emulated phones at the real gateway: they enrol, post a batch a second, and never give up.
+"""Emulated phones at the real gateway: they enrol, post what they measured, and never give up.
 
 Everything a phone could not send waits and is sent later, oldest first, with the same sequence number; a refused
 connection, a timeout, 429 or 503 is tried again after a growing pause, and a phone that the gateway no longer knows
@@ -13,15 +13,16 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import httpx
+import msgspec
 import numpy as np
 import structlog
 from prometheus_client import Counter, Gauge
 
-from services.simulator.people import People
-from services.simulator.phone import RATE, EmulatedPhone
+from services.simulator.phone import EmulatedPhone
+from services.simulator.phone_batch import PhoneBatch, PhoneClock
+from services.simulator.posting import body_of
 
 __all__ = ["Phones"]
 
@@ -30,18 +31,9 @@ log = structlog.get_logger(__name__)
 BATCHES = Counter("atrium_simulator_batches_total", "Batches of emulated phones by what became of them", ["result"])
 WAITING = Gauge("atrium_simulator_batches_waiting", "Batches that could not be sent yet")
 
-_PERIOD = 1.0  # seconds a batch
 _KEPT = 600  # batches a phone keeps while it cannot send
 _LONGEST_PAUSE = 10.0
 _TIMEOUT = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Pass:
-    """One run of the world: whose whereabouts, and the true time of its second zero."""
-
-    people: People
-    epoch: float
 
 
 @dataclass(slots=True)
@@ -49,14 +41,17 @@ class _Line:
     """One phone's line to the gateway."""
 
     phone: EmulatedPhone
+    clock: PhoneClock
     device: str | None = None
     token: str = ""
-    seq: int = 0
-    waiting: deque[dict[str, Any]] = field(default_factory=deque)
+    shift: int | None = 0
+    """Added to a batch's own number; None until the first one of a new device, which is number 0 to the gateway."""
+    highest: int = -1
+    waiting: deque[PhoneBatch] = field(default_factory=deque)
     echo: dict[str, float] | None = None
     failures: int = 0
     not_before: float = 0.0
-    measured: float = 0.0
+    woken: asyncio.Event = field(default_factory=asyncio.Event)
 
 
 class Phones:
@@ -78,81 +73,100 @@ class Phones:
         seed: int = 0,
         report: Callable[[str | None], None] = lambda reason: None,
     ) -> None:
-        self._lines = [_Line(phone) for phone in phones]
+        self._lines = {phone.person: _Line(phone, phone.clock) for phone in phones}
         self._url = gateway_url.rstrip("/")
         self._key = enrolment_key
         self._rng = np.random.default_rng(seed)
         self._report = report
-        self._pass: _Pass | None = None
+        self._epoch = 0.0
+        self._loop = asyncio.new_event_loop()
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._live()), name="phones", daemon=True)
+        self._thread = threading.Thread(target=self._run_loop, name="phones", daemon=True)
 
     @property
     def devices(self) -> dict[str, str]:
         """Device ids by person, of the phones that have enrolled."""
-        return {line.phone.person: line.device for line in self._lines if line.device is not None}
+        return {person: line.device for person, line in self._lines.items() if line.device is not None}
 
     def start(self) -> None:
-        """Let the phones enrol; they measure once ``follow`` has been called."""
+        """Let the phones enrol; they send what is given to ``post``."""
         self._thread.start()
 
-    def follow(self, people: People, epoch: float) -> None:
-        """Measure from now on along ``people``, whose second zero is the true time ``epoch``."""
-        self._pass = _Pass(people, epoch)
+    def follow(self, epoch: float) -> None:
+        """Begin a new pass of the world, whose second zero is the true time ``epoch``; what waits is forgotten."""
+        self._tell(self._begin, epoch)
+
+    def post(self, batch: PhoneBatch) -> None:
+        """Send a batch of this pass now: at the true time ``epoch + batch.sent``. Any thread may call.
+
+        KeyError: nobody of that name has a phone.
+        """
+        self._tell(self._take, self._lines[batch.person], batch)
 
     def stop(self) -> None:
         """End the thread; what waits is not sent any more."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(timeout=2.0)
+        elif not self._loop.is_closed():
+            self._loop.close()
+
+    def _tell(self, what: Callable[..., None], *arguments: object) -> None:
+        """Call in the phones' thread, in order; they may not have started yet, or have ended."""
+        if not self._stopping.is_set():
+            try:
+                self._loop.call_soon_threadsafe(what, *arguments)
+            except RuntimeError:
+                if not self._stopping.is_set():
+                    raise
+
+    def _run_loop(self) -> None:
+        try:
+            self._loop.run_until_complete(self._live())
+        finally:
+            self._loop.close()
 
     async def _live(self) -> None:
         limits = httpx.Limits(max_connections=max(10, len(self._lines)))
         # Proxies of the environment are for the world outside, not for a gateway in the house.
         async with httpx.AsyncClient(base_url=self._url, timeout=_TIMEOUT, limits=limits, trust_env=False) as client:
-            tasks = [asyncio.create_task(self._run(line, client)) for line in self._lines]
+            tasks = [asyncio.create_task(self._run(line, client)) for line in self._lines.values()]
             while not self._stopping.is_set():
                 for task in tasks:
                     if task.done():
                         task.result()  # a bug must not end in silence
-                WAITING.set(sum(len(line.waiting) for line in self._lines))
+                WAITING.set(sum(len(line.waiting) for line in self._lines.values()))
                 await asyncio.sleep(0.1)
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def _run(self, line: _Line, client: httpx.AsyncClient) -> None:
-        current: _Pass | None = None
-        # Phones are switched on at any moment: their seconds begin at different times.
-        phase = float(self._rng.uniform(0.0, _PERIOD))
-        while True:
-            chosen = self._pass
-            if chosen is not None:
-                if chosen is not current:
-                    current = chosen
-                    line.waiting.clear()
-                    line.measured = max(0.0, float(np.floor(time.time() - chosen.epoch)))
-                self._measure(line, current)
-            if time.monotonic() >= line.not_before:
-                await self._send_all(line, client)
-            await asyncio.sleep(_PERIOD - (time.time() - phase) % _PERIOD)
+    def _begin(self, epoch: float) -> None:
+        self._epoch = epoch
+        for line in self._lines.values():
+            line.waiting.clear()
+            line.echo = None
+            if line.shift is not None:
+                line.shift = line.highest + 1  # to the gateway it is still the same phone
 
-    def _measure(self, line: _Line, current: _Pass) -> None:
-        """Queue a batch for every second that has passed."""
-        now = float(np.floor((time.time() - current.epoch) * RATE) / RATE)
-        while now - line.measured > 0.2 * _PERIOD:
-            # A phone that was held up has more to tell, but no batch is much longer than a second.
-            end = now if now - line.measured < 1.5 * _PERIOD else line.measured + _PERIOD
-            batch = line.phone.measure(current.people, line.measured, end, current.epoch)
-            line.measured = end
-            if batch is None:
-                continue
-            batch["seq"] = line.seq
-            line.seq += 1
-            if len(line.waiting) >= _KEPT:
-                line.waiting.popleft()
-                BATCHES.labels("given up").inc()
-            line.waiting.append(batch)
+    def _take(self, line: _Line, batch: PhoneBatch) -> None:
+        if len(line.waiting) >= _KEPT:
+            line.waiting.popleft()
+            BATCHES.labels("given up").inc()
+        line.clock = batch.clock
+        line.waiting.append(batch)
+        line.woken.set()
+
+    async def _run(self, line: _Line, client: httpx.AsyncClient) -> None:
+        while True:
+            pause = line.not_before - time.monotonic()
+            if pause > 0.0:
+                await asyncio.sleep(pause)
+            elif line.device is None or line.waiting:
+                await self._send_all(line, client)
+            else:
+                line.woken.clear()
+                await line.woken.wait()
 
     async def _send_all(self, line: _Line, client: httpx.AsyncClient) -> None:
         try:
@@ -166,7 +180,7 @@ class Phones:
         else:
             if line.device is not None:
                 line.failures = 0
-                if not any(other.failures for other in self._lines):
+                if not any(other.failures for other in self._lines.values()):
                     self._report(None)
 
     async def _enrol(self, line: _Line, client: httpx.AsyncClient) -> None:
@@ -175,7 +189,7 @@ class Phones:
             "consent": True,
             "name": f"emulated phone of {line.phone.person}",
             "platform": "simulator",
-            "carrying": line.phone.carrying,
+            "carrying": "unknown" if line.phone.carrying == "mixed" else line.phone.carrying,
         }
         answer = await client.post("/v1/devices", json=body)
         if answer.status_code != 201:
@@ -183,20 +197,26 @@ class Phones:
             return
         enrolled = answer.json()
         line.device, line.token = enrolled["device"], enrolled["token"]
-        line.seq = 0
-        for batch in line.waiting:
-            batch["seq"] = line.seq
-            line.seq += 1
+        line.shift, line.highest = None, -1
         log.info("phone enrolled", person=line.phone.person, device=line.device)
 
     async def _post(self, line: _Line, client: httpx.AsyncClient) -> bool:
         """Send the oldest batch; whether to go on with the next."""
         batch = line.waiting[0]
-        body = {**batch, "sent": self._clock(line)}
+        if line.shift is None:
+            line.shift = -min(waiting.seq for waiting in line.waiting)
+        number = batch.seq + line.shift
+        if number < 0:  # the copy of a batch from before this phone enrolled anew
+            line.waiting.popleft()
+            return True
+        line.highest = max(line.highest, number)
+        body = body_of(batch, self._epoch)
+        body.update(seq=number, sent=self._clock(line))
         if line.echo is not None:
             body["echo"] = line.echo
+        headers = {"Authorization": f"Bearer {line.token}", "Content-Type": "application/json"}
         answer = await client.post(
-            f"/v1/devices/{line.device}/batches", json=body, headers={"Authorization": f"Bearer {line.token}"}
+            f"/v1/devices/{line.device}/batches", content=msgspec.json.encode(body), headers=headers
         )
         status = answer.status_code
         if status == 200:
@@ -215,11 +235,17 @@ class Phones:
             # This very batch is not wanted, and would not be tomorrow.
             log.warning("batch refused", person=line.phone.person, status=status, answer=answer.text[:300])
             BATCHES.labels("refused").inc()
-            line.waiting.popleft()
+            self._done(line, batch)
             return True
         BATCHES.labels("accepted").inc()
-        line.waiting.popleft()
+        self._done(line, batch)
         return True
+
+    @staticmethod
+    def _done(line: _Line, batch: PhoneBatch) -> None:
+        """Forget a batch, unless a new pass began meanwhile and has forgotten all."""
+        if line.waiting and line.waiting[0] is batch:
+            line.waiting.popleft()
 
     def _pause(self, line: _Line, answer: httpx.Response | None, reason: str) -> None:
         asked = answer.headers.get("Retry-After", "") if answer is not None else ""
@@ -230,4 +256,4 @@ class Phones:
             self._report(reason)
 
     def _clock(self, line: _Line) -> float:
-        return float(line.phone.clock.read(np.array([time.time()]))[0])
+        return self._epoch + float(line.clock.read(np.array([time.time() - self._epoch]))[0])
