@@ -176,7 +176,7 @@ def _pairs(seen: Array, heard: Array, model: PathLoss, view: Array) -> list[tupl
 
 
 def _differences(by_sight: Array, heard: Array) -> Array:
-    """Return ‖x − y‖ (d, w, m) of distances ``by_sight`` (w, m, k) and ``heard`` (d, w, k); NaN if either is unknown."""
+    """Return ‖x − y‖ (d, w, m) of ``by_sight`` (w, m, k) and ``heard`` (d, w, k) distances; NaN if one is unknown."""
     known = np.isfinite(heard)
     apart = np.where(known[:, :, None], by_sight - np.where(known, heard, 0.0)[:, :, None], 0.0)
     share = np.where(known.any(axis=2), known.mean(axis=2), np.nan)

@@ -264,7 +264,11 @@ class Particles:
 
 
 def _cycles(sightings: Sightings, cycle: float) -> Iterator[tuple[float, Indices]]:
-    """Yield the end of each cycle and the rows of the newest frame of each camera in it; first frame: first end."""
+    """Yield the time and the rows of the newest frame of each camera in each cycle; its end, where there is no frame.
+
+    The first cycle ends with the first frame. A frame keeps its own time: at 2 frames/s, one that is a little late for
+    the end of its cycle leaves the cycle to a frame half a second old.
+    """
     if len(sightings.t) == 0:
         return
     # A thousandth of a cycle forgives what rounding does to frames that fall on the end.
@@ -272,7 +276,8 @@ def _cycles(sightings: Sightings, cycle: float) -> Iterator[tuple[float, Indices
     for this in range(int(number[-1]) + 1):
         first, last = np.searchsorted(number, [this, this + 1])
         newest = {int(sightings.camera[frame]): frame for frame in range(first, last)}
-        yield float(sightings.t[0]) + this * cycle, sightings.rows(newest.values())
+        t = sightings.t[last - 1] if last > first else sightings.t[0] + this * cycle
+        yield float(t), sightings.rows(newest.values())
 
 
 def _report(rows: TrackRows, told: tuple[float, Indices, Array] | None, until: float) -> None:

@@ -71,6 +71,24 @@ def test_the_best_assignment_of_all_counts_not_the_nearest_pair():
     assert who_is_at(tracks, 7, ahead[7]) == who_is_at(tracks, 6, ahead[6])
 
 
+def test_likelihood_decides_not_the_distance_in_sigmas_which_would_favour_who_was_not_seen_for_long():
+    t = np.arange(0.0, 6.0, 0.5)
+    steady, lost = np.zeros((12, 2)), np.tile([3.0, 0.0], (12, 1))
+    lost[8:] = np.nan
+    steady[11] = 0.9, 0.0
+    tracks = follow(Sightings.of(frames_of(t, steady, lost)), t)
+    places = {who: x for who, x, _ in tracks.at(11)}
+    assert places[who_is_at(tracks, 6, (0.0, 0.0))] > 0.3
+    assert places[who_is_at(tracks, 6, (3.0, 0.0))] == pytest.approx(3.0, abs=0.1)
+
+
+def test_who_appears_far_from_where_somebody_vanished_is_somebody_else():
+    t = np.arange(0.0, 10.0, 0.5)
+    person = np.where(t[:, None] < 5.0, [2.0, 2.0], [8.0, 2.0])
+    tracks = follow(Sightings.of(frames_of(t, person)), t)
+    assert who_is_at(tracks, 9, (2.0, 2.0)) != who_is_at(tracks, 19, (8.0, 2.0))
+
+
 def test_two_who_meet_and_turn_back_are_swapped_which_is_the_method_s_weakness():
     t = np.arange(0.0, 10.0, 0.5)
     out = np.minimum(t, 9.5 - t)

@@ -145,6 +145,10 @@ def test_the_surveyed_model_finds_the_world_s_constants_and_stays_physical():
     np.testing.assert_allclose(model.exponent, truth.exponent[:3], atol=1e-9)
     upside_down = surveyed_path_loss(site, Survey(truth.names[:1], grid, -100.0 - truth.rssi(grid)[:, None, :1]))
     assert upside_down.exponent[0] == 1.0
+    readings[2:, :, 0] = np.nan
+    assert surveyed_path_loss(site, Survey(truth.names, grid, readings)).names == truth.names[1:3]
+    with pytest.raises(ValueError, match="three places"):
+        surveyed_path_loss(site, Survey(truth.names[:1], grid, readings[:, :, :1]))
 
 
 @pytest.mark.parametrize(

@@ -214,21 +214,30 @@ def test_who_walks_out_of_view_is_gone_before_the_time_is_up(record):
 
 
 def test_newest_frame_of_each_cycle_is_used_and_answers_come_from_the_past(record):
-    t = np.arange(0.0, 20.0, 1.0 / 30.0)
-    person = line(t, (0.5, 4.5), (0.4, 0.0))
+    began = 1.7e9 + 0.1  # since the epoch, where 1 / 30 s has few digits left
+    t = began + np.arange(600) / 30.0
+    person = line(t - began, (0.5, 4.5), (0.4, 0.0))
     fast = frames(t, person)
     # Between the ends of cycles there is a second detection, which must not matter.
     slow = fast[::30]
     decoyed = [frame if i % 30 == 0 else sighted(frame.t, [(frame.x[0], frame.y[0] + 3.0)]) for i, frame in
                enumerate(fast)]  # fmt: skip
-    times = np.arange(0.0, 18.9, 0.25)
+    times = began + np.arange(0.01, 18.9, 0.25)
     one, other = (track(replace(record, frames=chosen), times) for chosen in (slow, decoyed))
     np.testing.assert_array_equal(one.position, other.position)
     assert len(one.when) > 60
-    cut = track(replace(record, frames=[frame for frame in fast if frame.t <= 10.0]), times)
+    cut = track(replace(record, frames=[frame for frame in fast if frame.t <= began + 10.01]), times)
     whole = track(replace(record, frames=fast), times)
     before = whole.when <= 40
     np.testing.assert_array_equal(whole.position[before], cut.position[cut.when <= 40])
+
+
+def test_a_frame_late_for_the_end_of_its_cycle_costs_no_half_second(record):
+    t = np.arange(0.0, 10.0, 0.5) + np.where(np.arange(20) % 4 == 2, 0.004, 0.0)
+    person = line(t, (0.5, 4.5), (1.0, 0.0))
+    tracks = track(replace(record, frames=frames(t, person)), t)
+    errors = [abs(nearest(tracks, i, person[i])[1] - person[i, 0]) for i in range(6, 20)]
+    assert max(errors) < 0.1
 
 
 def test_same_seed_same_tracks_and_another_seed_others(record):
