@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 from rich.progress import Progress
 
+from benchmarks import __main__ as bench
 from benchmarks import result, results_page
 from benchmarks.experiment import Experiment, ExperimentError, Figures, Options, Study, experiments, in_parallel
 from benchmarks.result import PICTURES, RESULTS
@@ -157,3 +158,16 @@ def test_every_stored_result_belongs_to_a_declared_experiment_that_draws_what_it
         assert set(experiment.studies) | set(experiment.at_least) | set(experiment.at_most) <= set(document["figures"])
         if experiment.picture:
             assert (PICTURES / f"{experiment.name}.png").exists()
+
+
+def test_the_command_lists_every_experiment_with_its_question(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "400")  # no line is broken
+    assert bench.main([]) == 0
+    listed = capsys.readouterr().out
+    for name, experiment in experiments().items():
+        assert name in listed
+        assert experiment.question in listed
+    assert bench.main(["no-such-thing"]) == 2
+    assert "no-such-thing: no such experiment; there are: " in capsys.readouterr().out
