@@ -29,6 +29,7 @@ class Admission:
         self.rng = generator(seed, "crowd", "admission")
         self._share = float(self.rng.normal(0.5, _WANDER))
         self._back = np.full(parameters.pool, -math.inf)
+        self._size = self.group_size()
 
     def wanted(self, dt: float) -> int:
         """Return how many should be inside, ``dt`` seconds after the last time this was asked."""
@@ -49,12 +50,20 @@ class Admission:
         others = carriers + self.rng.permutation(pool - carriers)
         return [*range(carriers), *others.tolist()][: max(count, carriers)]
 
-    def next(self, t: float, away: NDArray[np.bool_], most: int) -> list[int]:
-        """Return who comes in together now, ``most`` at the most; may be nobody."""
+    def next(self, t: float, away: NDArray[np.bool_], missing: int, most: int) -> list[int]:
+        """Return who comes in together now, if anybody.
+
+        Args:
+            t: seconds.
+            away: (p,) who is outside.
+            missing: how many people there are too few inside; a group comes when half of it is missing.
+            most: how many may come in.
+        """
         ready = np.flatnonzero(away & (self._back <= t))
-        size = min(self.group_size(), most, len(ready))
-        if size < 1:
+        size = min(self._size, len(ready))
+        if size < 1 or size > most or missing < (size + 1) // 2:
             return []
+        self._size = min(self.group_size(), self._parameters.present[1])
         carriers = ready[ready < self._parameters.carriers]
         others = ready[ready >= self._parameters.carriers]
         chosen = [*carriers[:1].tolist(), *self.rng.permutation(others).tolist()][:size]

@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 
 APART = 0.45
 """Metres that must be free round the place of somebody who enters."""
-_DT = 0.05
+_FINE, _COARSE = 0.05, 0.1  # seconds of the model's step
+_MANY = 100  # people from which the coarse step is taken
 _RADIUS = 0.2
 _NOTICED = 0.02  # m/s
 
@@ -31,12 +32,14 @@ class Avoidance:
     Args:
         room: where they can walk.
         seed: of the model's own draws.
+        most: how many people there may be; for many, steps are coarser.
     """
 
-    def __init__(self, room: shapely.Polygon, seed: int) -> None:
+    def __init__(self, room: shapely.Polygon, seed: int, most: int) -> None:
         self._room = room
+        self._dt = _FINE if most < _MANY else _COARSE
         self._simulation = jupedsim.Simulation(
-            model=jupedsim.AnticipationVelocityModel(rng_seed=seed), geometry=room, dt=_DT
+            model=jupedsim.AnticipationVelocityModel(rng_seed=seed), geometry=room, dt=self._dt
         )
         self._stage = self._simulation.add_direct_steering_stage()
         self._journey = self._simulation.add_journey(jupedsim.JourneyDescription([self._stage]))
@@ -85,4 +88,4 @@ class Avoidance:
 
     def walk(self, seconds: float) -> None:
         """Let time pass."""
-        self._simulation.iterate(round(seconds / _DT))
+        self._simulation.iterate(round(seconds / self._dt))

@@ -164,10 +164,11 @@ class FloorSpace:
                 best = clear
             if clear.area >= self.room.area - strip:
                 break
-        if best.is_empty:
+        # A hair larger, so that ways may run along its edge.
+        grown = _largest(shapely.intersection(shapely.buffer(best, 0.02, join_style="mitre"), self.room))
+        if grown.is_empty or not shapely.intersects(grown, plan.outline):
             raise ValueError(f"floor {name}: there is no room to walk between walls and obstacles")
-        grown = shapely.intersection(shapely.buffer(best, 0.02, join_style="mitre"), self.room)
-        return best, jupedsim.RoutingEngine(_largest(grown))
+        return best, jupedsim.RoutingEngine(grown)
 
     def _reached(self, door: DoorPlace) -> bool:
         return self.clear.distance(shapely.Point(door.middle)) < max(0.7, 0.5 * door.door.width)
