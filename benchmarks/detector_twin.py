@@ -1,7 +1,7 @@
 """Do simulated detections err as the real detector does? Both look at the same people: those of PETS 2009.
 
-The camera service watches the clip; the twin's detection model watches the clip's truth through the same camera. What is
-compared is what trackers feel: how many are found and how many of the found are there, how far off and in which
+The camera service watches the clip; the twin's detection model watches the clip's truth through the same camera. What
+is compared is what trackers feel: how many are found and how many of the found are there, how far off and in which
 direction, and how long misses and errors last. The defaults of ``DetectionParameters`` were chosen to come near; this
 clip is therefore no test of them, but a check that stays. Run it with ``atrium bench detector-twin``.
 """
@@ -60,7 +60,7 @@ def twin_frames(site: Site, seed: int) -> list[DetectionFrame]:
     """Return what the simulated camera makes of the clip's people."""
     camera = site.cameras[0]
     floor = site.floor(site.area(camera.area).floor)
-    people = Trajectories.from_file(data_folder() / "pets09-s2l1" / "gt" / "gt.txt", "mot", floor.id)
+    people = Trajectories.from_mot(data_folder() / "pets09-s2l1" / "gt" / "gt.txt", floor.id)
     model = DetectionModel(camera, floor, DetectionParameters(), FRAMES_PER_S, seed)
     return model.frames(people, 0.0, FRAMES / FRAMES_PER_S)
 

@@ -14,7 +14,7 @@ class DetectionParameters(Part):
     (``atrium bench detector-twin``: PETS 2009, 15 to 45 m away, outdoors)."""
 
     detection_probability: Number = Field(
-        0.97, gt=0, lt=1, description="of somebody near, moving and in full view, in one frame"
+        0.96, gt=0, lt=1, description="of somebody near, moving and in full view, in one frame"
     )
     half_distance: Number = Field(60.0, gt=0, le=1000, description="metres at which this has fallen to the half")
     distance_width: Number = Field(8.0, gt=0, le=200, description="metres over which it falls (scale of a logistic)")
