@@ -102,12 +102,10 @@ def _place(steps: Sequence[int | str], root: type[Part]) -> tuple[str, type[Part
         if isinstance(step, int):
             place += f"[{step}]"
             continue
-        if place and step not in choices[-1].model_fields:
+        if len(choices) > 1:
             # pydantic puts the chosen variant of a tagged union into the path; the file has no such level.
-            chosen = [choice for choice in choices if step in _literals(choice)]
-            if chosen:
-                choices = chosen
-                continue
+            choices = [choice for choice in choices if step in _literals(choice)] or choices[:1]
+            continue
         place += f".{step}" if place else step
         part = choices[-1] if choices else part
         field = part.model_fields.get(step)

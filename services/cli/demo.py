@@ -64,8 +64,8 @@ def find_site(name: str) -> Path:
 class Demo:
     """The processes of one site, started in the order in which they need each other.
 
-    The site's folder may hold ``simulator.yaml``: settings of the simulator that plays the phones (and the cameras'
-    pictures). Without it only the site's real cameras run.
+    The site's folder may hold ``scenario.yaml``: what the simulator plays, phones and cameras. Cameras of which it
+    makes the detections have no process of their own. Without it only the site's real cameras run.
 
     Args:
         site_file: the site.
@@ -149,7 +149,8 @@ class Demo:
 
     def _plan(self) -> tuple[list[ProcessSpec], list[ProcessSpec]]:
         database = self._folder / f"{self.site.site}.db"
-        simulator_file = self.site_file.parent / "simulator.yaml"
+        scenario_file = self.site_file.parent / "scenario.yaml"
+        played: set[str] = set()
         wanted: list[tuple[str, str, dict[str, str]]] = [
             (
                 "gateway",
@@ -171,14 +172,30 @@ class Demo:
         if self._dashboard:
             settings = {"ATRIUM_DASHBOARD_PORT": str(self.ports.dashboard), "ATRIUM_API_URL": self.api_url}
             wanted.append(("dashboard", "services.dashboard", settings))
-        if simulator_file.is_file():
-            settings = {"ATRIUM_CONFIG": str(simulator_file), "ATRIUM_GATEWAY_URL": self.gateway_url}
-            wanted.append(("simulator", "services.simulator", {**settings, "ATRIUM_VIDEO_PORT": str(self.ports.video)}))
-        cameras = [(f"camera-{c.id}", "services.camera", {"ATRIUM_CAMERA": c.id}) for c in self.site.cameras]
+        if scenario_file.is_file():
+            settings = {"ATRIUM_GATEWAY_URL": self.gateway_url, "ATRIUM_VIDEO_PORT": str(self.ports.video)}
+            wanted.append(("simulator", "services.simulator", settings))
+            played = _cameras_without_pictures(scenario_file, self.site_file)
+        cameras = [
+            (f"camera-{camera.id}", "services.camera", {"ATRIUM_CAMERA": camera.id})
+            for camera in self.site.cameras
+            if camera.id not in played
+        ]
         health_ports = iter(_free_ports(len(wanted) + len(cameras)))
         others_specs = [ProcessSpec(name, module, next(health_ports), env) for name, module, env in wanted]
         camera_specs = [ProcessSpec(name, module, next(health_ports), env) for name, module, env in cameras]
         return camera_specs, others_specs
+
+
+def _cameras_without_pictures(scenario_file: Path, site_file: Path) -> set[str]:
+    # Only a site with a scenario needs the simulator's libraries.
+    from services.simulator.scenario_loading import ScenarioError, load_scenario
+    from services.simulator.world import cameras_without_pictures
+
+    try:
+        return cameras_without_pictures(*load_scenario(scenario_file, site_file))
+    except ScenarioError as error:
+        raise LauncherError(str(error)) from error
 
 
 def _free_ports(count: int) -> list[int]:

@@ -101,7 +101,7 @@ def snapshot(people: People, t: float, floor: str) -> Snapshot:
     now = people.movement(np.array([t]))
     index = np.flatnonzero(now.present[0] & (now.floor[0] == people.floors.index(floor)))
     return Snapshot(
-        person=[people.persons[i] for i in index],
+        person=[people.persons[i] for i in index.tolist()],
         index=index,
         position=now.position[0, index],
         heading=now.heading[0, index],

@@ -1,37 +1,40 @@
-"""The site twin as a process: walkers or a recorded clip's people, their phones, rendered cameras, and the truth.
+"""The site twin as a process: the world of a scenario, now, on the bus and at the real gateway.
 
-Walkers live on the wall clock from the moment the service starts. Recorded trajectories belong to a camera's clip:
-their second zero is the ``origin`` that this camera publishes, and a new origin (a looping clip) is a new pass.
+Cameras whose detections are made publish them as a camera service would; cameras that are rendered are served over
+HTTP, for a camera service to read; phones post to the gateway; the truth has its own key. A recorded file of people
+may belong to a real camera's clip: its second zero is then the ``origin`` that this camera publishes, and a new
+origin (a looping clip) begins the world anew.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
-from pathlib import Path
-from typing import ClassVar, Literal
-from urllib.parse import urlsplit
+from collections.abc import Mapping
+from typing import ClassVar
 
 import cv2
+import msgspec
 import structlog
 from prometheus_client import Counter, Histogram
 
-from services.simulator.people import People
-from services.simulator.phone import EmulatedPhone
+from services.simulator.live_world import play
+from services.simulator.people import People, snapshot
 from services.simulator.phones import Phones
-from services.simulator.radio_world import RadioParameters, RadioWorld
 from services.simulator.rendering import HallRenderer
+from services.simulator.scenario_file import RecordedPeople, RenderedView, Scenario
+from services.simulator.scenario_loading import ScenarioError, load_scenario
 from services.simulator.settings import SimulatorSettings
-from services.simulator.trajectories import Trajectories, TrajectoryError
+from services.simulator.video_light import VideoParameters
 from services.simulator.video_server import FrameFeed, video_app
-from services.simulator.walkers import Walkers
+from services.simulator.world import World, cameras_of
+from shared.bus import Publisher
 from shared.http_server import serve
-from shared.messages import CameraStatus
-from shared.truth import GroundTruth, truth_key
+from shared.messages import CameraStatus, DetectionFrame
 from shared.runner import Service
 from shared.settings import SettingsError
-from shared.site import Camera, Floor, Site
+from shared.site import Camera, Site
+from shared.truth import GroundTruth, truth_key
 
 __all__ = ["Simulator"]
 
@@ -48,7 +51,6 @@ RENDER_TIME = Histogram(
 )
 
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
-_TRUTH_PERIOD = 0.1
 
 
 class Simulator(Service[SimulatorSettings]):
@@ -59,143 +61,122 @@ class Simulator(Service[SimulatorSettings]):
 
     @classmethod
     def check(cls, settings: SimulatorSettings, site: Site) -> None:
-        """Refuse a trajectory file that cannot be read, and cameras, floors and people that do not exist."""
-        _floor(settings, site)
-        if settings.trajectories is not None:
-            _clip_camera(settings, site)
-        people = _people(settings, site)
-        unknown = [person for person in settings.explicit_phones() or [] if person not in people.persons]
-        if unknown:
-            raise SettingsError(
-                f"phones: there is nobody called {', '.join(unknown)}; people are {', '.join(people.persons)}"
-            )
+        """Refuse a scenario that is wrong or does not fit the site."""
+        _load(settings)
 
     def run(self) -> None:
         """Simulate until stopped."""
-        settings = self.settings
-        people = _people(settings, self.site)
-        floor = _floor(settings, self.site)
-        carriers = _carriers(settings, people)
-        radio = RadioParameters(
-            shadowing_sigma=settings.radio_shadowing,
-            shadowing_length=settings.radio_shadowing_length,
-            noise_sigma=settings.radio_noise,
-        )
-        world = RadioWorld(self.site, settings.seed, radio)
-        started = time.time()
+        scenario, site = _load(self.settings)
+        world = World(scenario, site, self.settings.seed)
         phones = Phones(
-            [
-                EmulatedPhone(
-                    self.site,
-                    world,
-                    person,
-                    floor.id,
-                    settings.seed,
-                    _carrying(settings, number),
-                    settings.scan_interval,
-                    started,
-                )
-                for number, person in enumerate(carriers)
-            ],
-            settings.gateway_url,
-            settings.enrolment_key.get_secret_value(),
-            settings.seed,
+            world.phones,
+            self.settings.gateway_url,
+            self.settings.enrolment_key.get_secret_value(),
+            world.seed,
             self._report_gateway,
         )
-        log.info("people", count=len(people.persons), carrying_phones=", ".join(carriers) or "nobody")
-        threads: list[threading.Thread] = []
-        feeds: dict[str, FrameFeed] = {}
+        names = ", ".join(carrier.person for carrier in world.carriers[:20]) or "nobody"
+        log.info("people", scenario=scenario.scenario, count=len(world.people.persons), carrying_phones=names)
         phones.start()
         try:
-            if isinstance(people, Trajectories):
+            if isinstance(scenario.people, RecordedPeople) and scenario.people.camera is not None:
                 self.health.ready.set()
-                self._follow_clip(people, floor, phones)
-                return
-            cameras = _rendered_cameras(self.site, floor)
-            renderers = {camera.id: self._renderer(camera, floor, people, carriers) for camera in cameras}
-            epoch = time.time()
-            phones.follow(people, epoch)
-            feeds = {camera: FrameFeed() for camera in renderers}
-            for camera, renderer in renderers.items():
-                work = (camera, renderer, people, epoch, feeds[camera])
-                threads.append(threading.Thread(target=self._render, args=work, name=f"render {camera}", daemon=True))
-            truth = (people, floor, phones, epoch, self.stopping)
-            threads.append(threading.Thread(target=self._tell_truth, args=truth, name="truth", daemon=True))
-            for thread in threads:
-                thread.start()
-            self.health.ready.set()
+                self._follow_clip(scenario, site, scenario.people.camera, phones)
+            else:
+                self._live(world, phones)
+        finally:
+            self.stopping.set()
+            phones.stop()
+
+    def _live(self, world: World, phones: Phones) -> None:
+        epoch = time.time()
+        feeds = {
+            camera.id: (view.video, camera, FrameFeed())
+            for view in world.scenario.views
+            if isinstance(view, RenderedView)
+            for camera in cameras_of(view.camera, world.site)
+        }
+        threads = [
+            threading.Thread(target=self._render, args=(*feed, world, epoch), name=f"render {name}", daemon=True)
+            for name, feed in feeds.items()
+        ]
+        threads.append(threading.Thread(target=self._play, args=(world, phones, epoch, self.stopping), name="play"))
+        for thread in threads:
+            thread.start()
+        self.health.ready.set()
+        try:
             if feeds:
-                closing = threading.Thread(target=self._close, args=(feeds,), name="closing", daemon=True)
-                closing.start()
-                serve(video_app(feeds), settings.video_host, settings.video_port, self.stopping)
+                served = {name: feed for name, (_, _, feed) in feeds.items()}
+                threading.Thread(target=self._close, args=(served,), name="closing", daemon=True).start()
+                serve(video_app(served), self.settings.video_host, self.settings.video_port, self.stopping)
             else:
                 self.stopping.wait()
         finally:
             self.stopping.set()
-            phones.stop()
             for thread in threads:
-                thread.join(timeout=1.0)
+                thread.join(timeout=2.0)
 
-    def _follow_clip(self, people: Trajectories, floor: Floor, phones: Phones) -> None:
-        camera = _clip_camera(self.settings, self.site)
+    def _follow_clip(self, scenario: Scenario, site: Site, camera: str, phones: Phones) -> None:
         inbox = self.bus.inbox(capacity=100)
-        inbox.subscribe(self.keys.camera_status(camera.id), CameraStatus, cached=True)
+        inbox.subscribe(self.keys.camera_status(camera), CameraStatus, cached=True)
         origin: float | None = None
         ended = threading.Event()
-        teller: threading.Thread | None = None
-        self.health.degraded("clip", f"waiting for camera {camera.id} to tell when its clip began")
+        player: threading.Thread | None = None
+        self.health.degraded("clip", f"waiting for camera {camera} to tell when its clip began")
         while not self.stopping.is_set():
             for delivery in inbox.receive(timeout=0.5):
                 status = delivery.message
                 if not isinstance(status, CameraStatus) or status.origin is None or status.origin == origin:
                     continue
                 origin = status.origin
-                log.info("clip began", camera=camera.id, origin=origin)
+                log.info("clip began", camera=camera, origin=origin)
                 self.health.well("clip")
                 ended.set()
-                if teller is not None:
-                    teller.join(timeout=2.0)
+                if player is not None:
+                    player.join(timeout=2.0)
                 ended = threading.Event()
-                phones.follow(people, origin)
-                teller = threading.Thread(
-                    target=self._tell_truth, args=(people, floor, phones, origin, ended), name="truth", daemon=True
-                )
-                teller.start()
+                world = World(scenario, site, self.settings.seed)
+                player = threading.Thread(target=self._play, args=(world, phones, origin, ended), name="play")
+                player.start()
         ended.set()
+        if player is not None:
+            player.join(timeout=2.0)
 
-    def _tell_truth(self, people: People, floor: Floor, phones: Phones, epoch: float, ended: threading.Event) -> None:
-        """Publish where everybody is, at the table's or the walkers' own instants, until ``ended``."""
-        if not self.settings.truth:
-            return
-        publisher = self.bus.publisher(truth_key(self.keys), GroundTruth)
-        told = -1.0
-        while not ended.wait(_TRUTH_PERIOD) and not self.stopping.is_set():
-            now = time.time() - epoch
-            devices = phones.devices
-            for t in people.instants(told, now).tolist():
-                there = people.snapshot(t)
-                publisher.publish(
-                    GroundTruth(
-                        t=epoch + t,
-                        person=list(there.person),
-                        floor=[floor.id] * len(there.person),
-                        x=there.position[:, 0].tolist(),
-                        y=there.position[:, 1].tolist(),
-                        device=[devices.get(person) for person in there.person],
-                    )
-                )
-                told = t
+    def _play(self, world: World, phones: Phones, epoch: float, ended: threading.Event) -> None:
+        """Publish and post what happens in the world, until ``ended``."""
+        truth = self.bus.publisher(truth_key(self.keys), GroundTruth)
+        cameras: dict[str, Publisher[DetectionFrame]] = {}
+        phones.follow(epoch)
+        for arrival in play(world, epoch, ended):
+            message = arrival.message
+            match message:
+                case DetectionFrame():
+                    publisher = cameras.get(message.camera)
+                    if publisher is None:
+                        publisher = cameras[message.camera] = self._camera(message.camera, epoch)
+                    publisher.publish(msgspec.structs.replace(message, t=epoch + message.t))
+                case GroundTruth():
+                    if self.settings.truth:
+                        enrolled = [phones.devices.get(person) for person in message.person]
+                        truth.publish(msgspec.structs.replace(message, t=epoch + message.t, device=enrolled))
+                case _:
+                    phones.post(message)
 
-    def _renderer(self, camera: Camera, floor: Floor, people: People, carriers: Sequence[str]) -> HallRenderer:
-        carrying = {p for n, p in enumerate(carriers) if _carrying(self.settings, n) == "hand"}
-        return HallRenderer(
-            floor, camera.geometry.build(), people.persons, self.settings.seed, lambda person: person in carrying
-        )
+    def _camera(self, camera: str, epoch: float) -> Publisher[DetectionFrame]:
+        """Return the publisher of a camera of which only detections are made; it tells that it lives, as others do."""
+        status = self.bus.publisher(self.keys.camera_status(camera), CameraStatus, cached=True)
+        status.publish(CameraStatus(t=time.time(), camera=camera, state="ok", origin=epoch))
+        return self.bus.publisher(self.keys.detections(camera), DetectionFrame, newest=True)
 
-    def _render(self, camera: str, renderer: HallRenderer, people: People, epoch: float, feed: FrameFeed) -> None:
+    def _render(self, video: VideoParameters, camera: Camera, feed: FrameFeed, world: World, epoch: float) -> None:
         """Render a camera's frames on time for as long as somebody watches."""
-        period = 1.0 / self.settings.frames_per_s
-        rendered, skipped = RENDERED.labels(camera), LATE.labels(camera)
+        floor = world.site.floor(world.site.area(camera.area).floor)
+        renderer = HallRenderer(
+            floor, camera.geometry.build(), world.people.persons, world.seed, world.holds_phone, video
+        )
+        people: People = world.people
+        period = 1.0 / video.frames_per_s
+        rendered, skipped = RENDERED.labels(camera.id), LATE.labels(camera.id)
         number = 0
         while not self.stopping.is_set():
             feed.someone_watches.wait(0.5)
@@ -211,14 +192,14 @@ class Simulator(Service[SimulatorSettings]):
                 return
             t = number * period
             begun = time.perf_counter()
-            picture = renderer.frame(people.snapshot(t), t, number)
+            picture = renderer.frame(snapshot(people, t, floor.id), t, number)
             good, jpeg = cv2.imencode(".jpg", picture, _JPEG)
             RENDER_TIME.observe(time.perf_counter() - begun)
             if good:
                 feed.publish(jpeg.tobytes(), epoch + t)
                 rendered.inc()
 
-    def _close(self, feeds: dict[str, FrameFeed]) -> None:
+    def _close(self, feeds: Mapping[str, FrameFeed]) -> None:
         self.stopping.wait()
         for feed in feeds.values():
             feed.close()
@@ -230,67 +211,8 @@ class Simulator(Service[SimulatorSettings]):
             self.health.degraded("gateway", reason)
 
 
-def _people(settings: SimulatorSettings, site: Site) -> Walkers | Trajectories:
-    if settings.trajectories is None:
-        floor = _floor(settings, site)
-        try:
-            return Walkers(floor.plan(), settings.people, settings.seed)
-        except ValueError as error:
-            raise SettingsError(f"walkers: floor {floor.id}: {error}") from error
-    path = settings.site_file.parent / settings.trajectories
+def _load(settings: SimulatorSettings) -> tuple[Scenario, Site]:
     try:
-        return Trajectories.from_mot(path) if settings.trajectory_format == "mot" else Trajectories.from_csv(path)
-    except TrajectoryError as error:
-        raise SettingsError(f"trajectories: {error}") from error
-
-
-def _floor(settings: SimulatorSettings, site: Site) -> Floor:
-    if settings.trajectories is not None and site.cameras:
-        return site.floor(site.area(_clip_camera(settings, site).area).floor)
-    if not settings.walkers:
-        return site.floors[0]
-    for area in site.areas:
-        if area.id == settings.walkers:
-            return site.floor(area.floor)
-    for floor in site.floors:
-        if floor.id == settings.walkers:
-            return floor
-    known = ", ".join([*(area.id for area in site.areas), *(floor.id for floor in site.floors)])
-    raise SettingsError(f"walkers: {settings.walkers!r} is no area or floor of the site file; it has: {known}")
-
-
-def _clip_camera(settings: SimulatorSettings, site: Site) -> Camera:
-    if not site.cameras:
-        raise SettingsError("trajectories: the site has no camera whose clip they could follow")
-    if not settings.trajectory_camera:
-        return site.cameras[0]
-    try:
-        return site.camera(settings.trajectory_camera)
-    except KeyError as error:
-        raise SettingsError(f"trajectory_camera: {error.args[0]}") from error
-
-
-def _rendered_cameras(site: Site, floor: Floor) -> list[Camera]:
-    """Return the cameras of this floor whose pictures the site file expects from here, by the path of their URL."""
-    return [
-        camera
-        for camera in site.cameras
-        if site.area(camera.area).floor == floor.id
-        and camera.source.url is not None
-        and Path(urlsplit(camera.source.url).path) == Path(f"/cameras/{camera.id}.mjpeg")
-    ]
-
-
-def _carriers(settings: SimulatorSettings, people: Walkers | Trajectories) -> list[str]:
-    """Return who carries phones: those named, else those with the most time in the table, else the first visitors."""
-    named = settings.explicit_phones()
-    if named is not None:
-        return named
-    count = int(settings.phones)
-    return people.longest_present(count) if isinstance(people, Trajectories) else list(people.persons[:count])
-
-
-def _carrying(settings: SimulatorSettings, number: int) -> Literal["hand", "pocket"]:
-    if settings.carrying == "mixed":
-        return "hand" if number % 3 else "pocket"
-    return settings.carrying
+        return load_scenario(settings.scenario_file(), settings.site_file)
+    except ScenarioError as error:
+        raise SettingsError(f"scenario: {error}") from error

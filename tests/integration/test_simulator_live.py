@@ -21,6 +21,16 @@ from shared.site import load_site
 from shared.truth import GroundTruth, truth_key
 
 
+FOLLOWING_A_CLIP = """
+format: atrium-scenario/1
+scenario: clip
+site: {site}
+seeds: {{train: 1, test: 2}}
+people: {{kind: recorded, file: {table}, camera: hall-east}}
+phones: [{{count: 1}}]
+"""
+
+
 @contextmanager
 def process(module: str, folder: Path, endpoint: str, site: Path, **environment: str) -> Iterator[str]:
     """Run one service until the block ends; yields the URL of its health pages. It must stop cleanly."""
@@ -62,7 +72,6 @@ def test_visitors_are_seen_heard_and_known_to_the_truth(zenoh_router: str, tmp_p
     site, keys = load_site(site_file), Keys("hall")
     gateway_port, video_port = unused_port(), unused_port()
     simulator = {
-        "ATRIUM_CONFIG": str(project / "deploy/sites/hall/simulator.yaml"),
         "ATRIUM_GATEWAY_URL": f"http://127.0.0.1:{gateway_port}",
         "ATRIUM_VIDEO_PORT": str(video_port),
     }
@@ -114,9 +123,10 @@ def test_phones_and_truth_follow_the_clip_of_a_camera_and_start_again_with_it(
     rows = [f"{t:.2f},{person},{3 + 0.5 * t + person:.3f},2.0" for t in np.arange(0.0, 8.0, 0.2) for person in (1, 2)]
     table.write_text("t,id,x,y\n" + "\n".join(rows) + "\n")
     keys = Keys("hall")
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text(FOLLOWING_A_CLIP.format(site=site_file, table=table))
     simulator = {
-        "ATRIUM_TRAJECTORIES": str(table),
-        "ATRIUM_PHONES": "1",
+        "ATRIUM_SCENARIO": str(scenario),
         "ATRIUM_GATEWAY_URL": f"http://127.0.0.1:{unused_port()}",
     }
     with Bus([zenoh_router]) as bus:
@@ -140,9 +150,11 @@ def test_phones_and_truth_follow_the_clip_of_a_camera_and_start_again_with_it(
 
 def test_a_missing_trajectory_file_ends_the_process_with_one_line(tmp_path: Path, project: Path) -> None:
     site_file = project / "deploy/sites/hall/site.yaml"
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text(FOLLOWING_A_CLIP.format(site=site_file, table=tmp_path / "none.csv"))
     ended = subprocess.run(
         [sys.executable, "-m", "services.simulator", "--site-file", str(site_file), "--profile", "demo"],
-        env={**os.environ, "ATRIUM_TRAJECTORIES": str(tmp_path / "none.csv")},
+        env={**os.environ, "ATRIUM_SCENARIO": str(scenario)},
         capture_output=True,
         text=True,
         timeout=30,
@@ -155,5 +167,5 @@ def test_a_missing_trajectory_file_ends_the_process_with_one_line(tmp_path: Path
 def test_pets_people_with_phones_are_the_six_longest_in_view(project: Path, data_folder: Path) -> None:
     from services.simulator.trajectories import Trajectories
 
-    people = Trajectories.from_mot(data_folder / "pets09-s2l1" / "gt" / "gt.txt")
+    people = Trajectories.from_mot(data_folder / "pets09-s2l1" / "gt" / "gt.txt", "ground")
     assert people.longest_present(6) == ["1", "9", "13", "11", "12", "2"]

@@ -21,14 +21,10 @@ def check(*flags: str) -> SimulatorSettings:
 @pytest.mark.parametrize(
     ("flags", "told"),
     [
-        (("--phones", "many"), "phones: "),
-        (("--phones", "visitor-1,ghost"), "there is nobody called ghost"),
-        (("--walkers", "attic"), "walkers: 'attic' is no area or floor of the site file; it has: hall, ground"),
-        (("--trajectories", "nowhere.csv"), "nowhere.csv: cannot be read"),
-        (("--trajectory-camera", "west", "--trajectories", "nowhere.csv"), "trajectory_camera: 'west'"),
+        (("--scenario", "nowhere.yaml"), "scenario: nowhere.yaml: cannot be read"),
         (("--gateway-url", "ftp://x"), "gateway_url: "),
-        (("--people", "-1"), "people: "),
-        (("--scan-interval", "0"), "scan_interval: "),
+        (("--seed", "-1"), "seed: "),
+        (("--video-port", "70000"), "video_port: "),
     ],
 )
 def test_a_wrong_setting_is_refused_by_name(flags: tuple[str, ...], told: str) -> None:
@@ -42,15 +38,10 @@ def test_the_demo_key_is_refused_outside_the_demo() -> None:
         read_settings(SimulatorSettings, ["--site-file", str(SITE)])
 
 
-def test_phones_are_a_number_or_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert check("--phones", "3").explicit_phones() is None
-    assert check("--phones", "visitor-2, visitor-5").explicit_phones() == ["visitor-2", "visitor-5"]
-    for text, expected in (("phones: 4", None), ("phones: [visitor-1]", ["visitor-1"])):
-        (tmp_path / "simulator.yaml").write_text(text)
-        monkeypatch.setenv("ATRIUM_CONFIG", str(tmp_path / "simulator.yaml"))
-        assert check().explicit_phones() == expected
-
-
-def test_zero_phones_and_zero_people_are_a_world_too() -> None:
-    check("--phones", "0")
-    check("--people", "0")
+def test_the_scenario_beside_the_site_is_played_unless_another_is_named() -> None:
+    assert check().scenario_file() == SITE.parent / "scenario.yaml"
+    other = SITE.parent.parent / "museum" / "scenario.yaml"
+    # The site is always the one all services read; a scenario of another site fits only where its names do.
+    with pytest.raises(SettingsError, match="camera"):
+        check("--scenario", str(SITE.parent.parent / "mall" / "scenario.yaml"))
+    assert check("--scenario", str(other)).scenario_file() == other

@@ -1,0 +1,114 @@
+"""How well do the plain methods and the shipped fusion do in one scenario of the twin? The errors of all its areas."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.baselines.figures import baseline_window_errors
+from benchmarks.fusion_run import run_fusion
+from benchmarks.identity_metrics import score_identity
+from benchmarks.position_error import centre_of, error_cdf, percentiles, window_rmse
+from benchmarks.track_reading import named_positions
+from benchmarks.world_record import Truth, WorldRecord
+from benchmarks.world_run import load, record_world, with_access_points
+from benchmarks.world_survey import survey_world
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+
+__all__ = ["TwinScores", "draw_cdfs", "figures_of", "score_twin", "used_access_points"]
+
+Array = NDArray[np.float64]
+
+FUSION = "twolayer"
+"""What the shipped tracker is called among the methods."""
+
+
+@dataclass
+class TwinScores:
+    """Errors in one scenario, all areas together.
+
+    Attributes:
+        errors: (w,) metres per method, one per person and one-minute window.
+        identity: figures of the names on tracks, by area.
+    """
+
+    errors: dict[str, Array] = field(default_factory=dict)
+    identity: list[Mapping[str, float | None]] = field(default_factory=list)
+
+
+def score_twin(
+    scenario: str, seed: int, seconds: float | None = None, *, fusion: bool = True, access_points: int | None = None
+) -> TwinScores:
+    """Make a world and return how far off every method is.
+
+    Args:
+        scenario: a shipped one's name.
+        seed: of the world.
+        seconds: how much of it; None: all.
+        fusion: run the shipped tracker too.
+        access_points: how many of the site's the tracker is given; None: all. Horus always has all of them.
+    """
+    described, site = load(scenario)
+    records = record_world(described, site, seed, seconds=seconds, motion=fusion)
+    scores = TwinScores()
+    for area, record in records.items():
+        survey = survey_world(described, site, area, seed)
+        errors = dict(baseline_window_errors(record, survey))
+        if fusion:
+            chosen = with_access_points(record, used_access_points(record, access_points))
+            tracks = run_fusion(chosen).frames
+            estimate = named_positions(record.truth, tracks)
+            errors[FUSION] = window_rmse(record.truth, estimate, centre_of(record.view)).rmse
+            scores.identity.append(score_identity(_each_second(record.truth), tracks).figures())
+        for method, values in errors.items():
+            finite = values[np.isfinite(values)]
+            scores.errors[method] = np.concatenate([scores.errors.get(method, np.empty(0)), finite])
+    return scores
+
+
+def used_access_points(record: WorldRecord, count: int | None) -> list[str]:
+    """Return the access points a tracker is given: all, or so many evenly taken from the site file's list."""
+    names = [point.id for point in record.site.access_points]
+    return names if count is None else [names[round(k * len(names) / count)] for k in range(count)]
+
+
+def figures_of(scores: TwinScores, prefix: str) -> dict[str, float | None]:
+    """Return ``PREFIX_p50_METHOD`` … and the identity figures, means over the areas."""
+    figures: dict[str, float | None] = {}
+    for method, errors in scores.errors.items():
+        for share, value in zip(("p50", "p70", "p90"), percentiles(errors), strict=True):
+            figures[f"{prefix}_{share}_{method}"] = value
+    for name in ("id_precision", "id_recall", "located_within_1m", "id_switches", "seconds_to_identify"):
+        values = [value for area in scores.identity if (value := area.get(name)) is not None]
+        if values:
+            figures[f"{prefix}_{name}"] = float(np.sum(values) if name == "id_switches" else np.mean(values))
+    return figures
+
+
+def draw_cdfs(worlds: Mapping[str, TwinScores], picture: Path) -> None:
+    """Draw the distributions of window errors, a panel for each world and a line for each method."""
+    figure, axes = plt.subplots(1, len(worlds), figsize=(5.2 * len(worlds), 4.0), sharey=True, squeeze=False)
+    for axis, (title, scores) in zip(axes[0], worlds.items(), strict=True):
+        for method, errors in scores.errors.items():
+            axis.plot(*error_cdf(errors), label=method, linewidth=2.2 if method == FUSION else 1.2)
+        axis.set(title=title, xlabel="RMSE in a minute, m", xlim=(0.0, 6.0), ylim=(0.0, 1.0))
+        axis.axhline(0.9, color="0.8", linewidth=0.8)
+        axis.grid(visible=True, alpha=0.25)
+    axes[0][0].set_ylabel("share of people's minutes")
+    axes[0][-1].legend(loc="lower right")
+    figure.tight_layout()
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(picture, dpi=110)
+    plt.close(figure)
+
+
+def _each_second(truth: Truth) -> Truth:
+    every: Sequence[int] = np.flatnonzero(np.diff(np.floor(truth.t + 1e-6), prepend=-1.0) > 0).tolist()
+    return Truth(truth.t[every], truth.person, truth.device, truth.position[every], truth.in_view[every])

@@ -1,0 +1,212 @@
+"""From a scenario and a seed to what off-line experiments work on: the twin's world through the gateway's own code."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from benchmarks.world_record import Truth, WorldRecord
+from services.cli.simulate import find_scenario
+from services.gateway.batch_check import Limits
+from services.gateway.phone import Phone
+from services.gateway.protocol import Batch
+from services.simulator.people import BLOCK
+from services.simulator.phone_batch import PhoneBatch
+from services.simulator.posting import body_of
+from services.simulator.scenario_file import Scenario
+from services.simulator.scenario_loading import load_scenario, seen_floor
+from services.simulator.world import World
+from shared.messages import DetectionFrame, MotionBatch, RadioScan
+from shared.site import Camera, Site
+
+__all__ = ["EPOCH", "TRUTH_EVERY", "load", "record_world", "watched", "with_access_points"]
+
+Array = NDArray[np.float64]
+P = TypeVar("P", RadioScan, MotionBatch)
+
+EPOCH = 1_700_000_000.0
+"""True time of world time zero, the same in every run."""
+TRUTH_EVERY = 0.2
+LIMITS = Limits()
+
+
+def load(name: str | Path) -> tuple[Scenario, Site]:
+    """Return a shipped scenario by name, or that of a file, with its site."""
+    return load_scenario(find_scenario(str(name)))
+
+
+def record_world(
+    scenario: Scenario,
+    site: Site,
+    seed: int,
+    *,
+    seconds: float | None = None,
+    motion: bool = True,
+    progress: Callable[[float], None] = lambda seconds: None,
+) -> dict[str, WorldRecord]:
+    """Make a world and return what reached Atrium, by area.
+
+    Phones' batches go through the gateway's own phone: clock alignment, dead reckoning, translation of addresses.
+    Phones of every area are in every record: who is elsewhere is heard all the same.
+
+    Args:
+        scenario: what happens; ``site``: where; ``seed``: of everything random.
+        site: see above.
+        seed: see above.
+        seconds: how much of it; None: the scenario's duration.
+        motion: whether inertial samples are worked on; without, it is quicker and ``motions`` are empty.
+        progress: called with the seconds made.
+    """
+    world = World(scenario, site, seed)
+    until = math.ceil((scenario.duration if seconds is None else seconds) / BLOCK) * BLOCK
+    phones = {carrier.person: _phone(carrier.device, carrier.fleet.carrying, site) for carrier in world.carriers}
+    frames: dict[str, list[DetectionFrame]] = defaultdict(list)
+    area_of = {camera.id: camera.area for camera in site.cameras}
+    told: dict[str, list[RadioScan | MotionBatch]] = {carrier.device: [] for carrier in world.carriers}
+    replied: dict[str, PhoneBatch] = {}
+    times: list[Array] = []
+    places: list[Array] = []
+    floors: list[NDArray[np.int16]] = []
+    for arrival in world.arrivals(
+        until, lambda block: _keep_truth(world, block.start, block.end, times, places, floors)
+    ):
+        message = arrival.message
+        if isinstance(message, PhoneBatch):
+            phone = phones[message.person]
+            body = _body(message, replied.get(message.person), motion)
+            replied[message.person] = message
+            if body is None:
+                continue
+            phone.take(body, EPOCH + arrival.t, LIMITS)
+            told[phone.device] += phone.outbox
+            phone.outbox.clear()
+        else:
+            frames[area_of[message.camera]].append(_at_epoch(message))
+        progress(world.made)
+    t, position, floor = np.concatenate(times), np.concatenate(places), np.concatenate(floors)
+    return {
+        area.id: _record(
+            world, area.id, frames[area.id], told, t, position, floor == world.people.floors.index(area.floor)
+        )
+        for area in site.areas
+        if area.floor in world.people.floors
+    }
+
+
+def with_access_points(record: WorldRecord, wanted: Sequence[str]) -> WorldRecord:
+    """Return the record as if the site had only the access points ``wanted``."""
+    kept = set(wanted)
+    site = record.site.model_copy(
+        update={"access_points": [point for point in record.site.access_points if point.id in kept]}
+    )
+    scans = {device: [_of_points(scan, kept) for scan in scans] for device, scans in record.scans.items()}
+    return WorldRecord(site, record.area, record.frames, scans, record.motions, record.truth, record.view)
+
+
+def watched(camera: Camera, points: Array) -> NDArray[np.bool_]:
+    """Whether a camera looks at each of the floor points (n, 2), hidden or not; NaN points are not looked at."""
+    geometry = camera.geometry.build()
+    pixels = geometry.to_image(np.column_stack([points, np.zeros(len(points))]))
+    width, height = geometry.image_size
+    with np.errstate(invalid="ignore"):
+        seen = np.asarray(((pixels >= -0.5) & (pixels <= np.array([width, height]) - 0.5)).all(axis=1))
+    if camera.area_of_interest is not None:
+        seen[seen] = shapely.intersects_xy(shapely.Polygon(camera.area_of_interest), pixels[seen, 0], pixels[seen, 1])
+    return seen
+
+
+def _phone(device: str, carrying: str, site: Site) -> Phone:
+    addresses = {address.lower(): point.id for point in site.access_points for address in point.addresses}
+    return Phone(device, addresses, site.north_radians, heading_known=carrying == "hand")
+
+
+def _body(batch: PhoneBatch, before: PhoneBatch | None, motion: bool) -> Batch | None:
+    """Return what the phone posts; it echoes the reply to its last batch, which came back as slowly as that went."""
+    body = body_of(batch, EPOCH)
+    if not motion:
+        body.pop("imu", None)
+    if "imu" not in body and not body["radio"]:
+        return None
+    if before is not None and 2.0 * before.arrival - before.sent <= batch.sent:
+        came_back = float(batch.clock.read(np.array([2.0 * before.arrival - before.sent]))[0])
+        body["echo"] = {"replied": EPOCH + before.arrival, "arrived": EPOCH + came_back}
+    return msgspec.convert(body, Batch)
+
+
+def _at_epoch(frame: DetectionFrame) -> DetectionFrame:
+    return DetectionFrame(
+        t=EPOCH + frame.t,
+        camera=frame.camera,
+        floor=frame.floor,
+        seq=frame.seq,
+        x=frame.x,
+        y=frame.y,
+        covariance=frame.covariance,
+        confidence=frame.confidence,
+        box=frame.box,
+    )
+
+
+def _keep_truth(
+    world: World, start: float, end: float, times: list[Array], places: list[Array], floors: list[NDArray[np.int16]]
+) -> None:
+    t: Array = start + TRUTH_EVERY * np.arange(round((end - start) / TRUTH_EVERY), dtype=np.float64)
+    there = world.people.movement(t)
+    times.append(EPOCH + t)
+    places.append(np.where(there.present[..., None], there.position, np.nan).astype(np.float32))
+    floors.append(there.floor)
+
+
+def _record(
+    world: World,
+    area: str,
+    frames: Sequence[DetectionFrame],
+    told: dict[str, list[RadioScan | MotionBatch]],
+    t: Array,
+    position: Array,
+    here: NDArray[np.bool_],
+) -> WorldRecord:
+    site = world.site
+    cameras = site.cameras_of(area)
+    places = np.where(here[..., None], position, np.nan)
+    in_view = np.zeros(here.shape, bool)
+    for camera in cameras:
+        in_view |= watched(camera, places.reshape(-1, 2)).reshape(here.shape)
+    devices = world.devices
+    seen = [seen_floor(camera, site) for camera in cameras]
+    floor = np.array(site.floor(site.area(area).floor).outline)
+    hull = shapely.MultiPoint(np.concatenate(seen) if seen else floor).convex_hull
+    corners = shapely.get_coordinates(hull)[:-1]
+    return WorldRecord(
+        site=site,
+        area=area,
+        frames=frames,
+        scans={device: _of_kind(messages, RadioScan) for device, messages in told.items()},
+        motions={device: _of_kind(messages, MotionBatch) for device, messages in told.items()},
+        truth=Truth(t, world.people.persons, [devices.get(p) for p in world.people.persons], places, in_view),
+        view=corners,
+    )
+
+
+def _of_kind(messages: Sequence[RadioScan | MotionBatch], kind: type[P]) -> list[P]:
+    return sorted((message for message in messages if isinstance(message, kind)), key=lambda message: message.t)
+
+
+def _of_points(scan: RadioScan, kept: set[str]) -> RadioScan:
+    heard = [(name, rssi) for name, rssi in zip(scan.access_point, scan.rssi, strict=True) if name in kept]
+    return RadioScan(
+        t=scan.t,
+        device=scan.device,
+        seq=scan.seq,
+        kind=scan.kind,
+        access_point=[name for name, _ in heard],
+        rssi=[rssi for _, rssi in heard],
+    )

@@ -1,0 +1,169 @@
+"""A scenario that cannot be is refused with one line: file, place, what was found, what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from services.simulator.scenario_loading import ScenarioError, load_scenario, scenario_digest
+
+PROJECT = Path(__file__).resolve().parents[3]
+SITES = PROJECT / "deploy" / "sites"
+SHIPPED = sorted(path.parent.name for path in SITES.glob("*/scenario.yaml"))
+NEEDS_DATA = {"pets09"}
+
+SITE = {
+    "format": "atrium-site/1",
+    "site": "room",
+    "floors": [
+        {
+            "id": "ground",
+            "outline": [[0, 0], [10, 0], [10, 8], [0, 8]],
+            "walls": [[[0, 3], [0, 0], [10, 0]]],
+            "obstacles": [{"id": "case", "polygon": [[4, 4], [5, 4], [5, 5], [4, 5]]}],
+        }
+    ],
+    "areas": [{"id": "room", "floor": "ground"}],
+    "cameras": [
+        {
+            "id": "lobby",
+            "area": "room",
+            "source": {"url": "http://127.0.0.1/lobby.mjpeg"},
+            "geometry": {
+                "kind": "pose",
+                "image_size": [640, 480],
+                "position": [5, 0.5, 5],
+                "look_at": [5, 4, 0],
+                "horizontal_fov": 80,
+            },
+        }
+    ],
+    "access_points": [{"id": "ap-1", "floor": "ground", "position": [0, 0, 3], "addresses": ["02:a7:09:00:00:01"]}],
+}
+SCENARIO = {
+    "format": "atrium-scenario/1",
+    "scenario": "room",
+    "duration": 60,
+    "seeds": {"train": 1, "test": 2},
+    "people": {"kind": "walkers", "walkers": {"pool": 6, "present": [2, 4]}},
+    "views": [{"level": "detections", "frames_per_s": 5}],
+    "phones": [{"name": "phone", "count": 2}],
+}
+
+
+def written(folder: Path, scenario: dict[str, Any], site: dict[str, Any] = SITE) -> Path:
+    (folder / "site.yaml").write_text(yaml.safe_dump(site))
+    path = folder / "scenario.yaml"
+    path.write_text(yaml.safe_dump(scenario))
+    return path
+
+
+def changed(document: dict[str, Any], place: str, value: Any) -> dict[str, Any]:
+    """A deep copy with one place, written as ``a.0.b``, set."""
+    copy: dict[str, Any] = yaml.safe_load(yaml.safe_dump(document))
+    *steps, last = (int(step) if step.isdigit() else step for step in place.split("."))
+    inner: Any = copy
+    for step in steps:
+        inner = inner[step]
+    inner[last] = value
+    return copy
+
+
+def test_the_example_is_right(tmp_path: Path) -> None:
+    scenario, site = load_scenario(written(tmp_path, SCENARIO))
+    assert (scenario.scenario, site.site, scenario.seeds.test) == ("room", "room", 2)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "told"),
+    [
+        ("durations", 5, "durations: unknown key; allowed here: format, scenario"),
+        ("people.walkers.pol", 5, "people.walkers.pol: unknown key; allowed here: behaviour, pool"),
+        ("duration", -1, "duration: "),
+        ("duration", float("nan"), "duration: "),
+        ("seeds", {"train": 1}, "seeds.test: "),
+        ("people.kind", "ghosts", "people.kind: must be one of walkers, recorded (found 'ghosts')"),
+        ("people.walkers.present", [4, 2], "people.walkers.present: a range is [low, high], found [4, 2]"),
+        ("people.walkers.speed", [-1, 1], "speed: must lie within"),
+        ("views.0.level", "smell", "views[0].level: must be one of detections, video, file (found 'smell')"),
+        ("views.0.camera", "attic", "views[0].camera: 'attic' is no camera; allowed: lobby"),
+        ("views.0.frames_per_s", 0, "views[0].frames_per_s: "),
+        ("views.0.detection", {"clutter": -0.5}, "views[0].detection.clutter: "),
+        ("views", [{"level": "detections"}, {"level": "video"}], "views: camera lobby is described 2 times"),
+        ("phones", [], "phones: "),
+        ("phones.0.count", 0, "phones[0].count: "),
+        ("phones.0.count", 7, "phones: 7 phones, but people.walkers.present lets 4 people in at most"),
+        ("phones.0.inertial_rate", -50, "phones[0].inertial_rate: "),
+        ("phones.0.ble", {"kind": "adverts"}, "phones[0].ble: nobody here sends ble; access points of site room: wifi"),
+        ("phones.0.wifi", {"kind": "regular", "every": -1}, "phones[0].wifi.every: "),
+        ("radio", {"noise_sigma": -2}, "radio.noise_sigma: "),
+        ("radio", {"changes": [{"at": 5, "kind": "power", "access_point": "ap-9", "by": 3}]}, "ap-9"),
+        ("faults", [{"kind": "camera-off", "camera": "attic", "start": 1, "end": 2}], "faults[0].camera: 'attic'"),
+        ("faults", [{"kind": "earthquake"}], "faults[0].kind: must be one of camera-off"),
+    ],
+)
+def test_a_mistake_is_told_with_its_place(tmp_path: Path, place: str, value: Any, told: str) -> None:
+    path = written(tmp_path, changed(SCENARIO, place, value))
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(path)
+    text = str(caught.value)
+    assert told in text
+    assert text.startswith(f"{path}: ")
+    assert len(text.splitlines()) == 1
+
+
+def turned_to_the_sky(site: dict[str, Any]) -> dict[str, Any]:
+    return changed(site, "cameras.0.geometry.look_at", [5, -60, 4])
+
+
+def wall_through_the_case(site: dict[str, Any]) -> dict[str, Any]:
+    return changed(site, "floors.0.walls", [[[2, 4.5], [8, 4.5]]])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (wall_through_the_case, "floors[0].walls[0]: the wall runs through obstacle 'case'"),
+        (turned_to_the_sky, "camera lobby sees 0.00 m² of floor ground; allowed: 0.5 or more"),
+    ],
+)
+def test_a_site_nobody_could_measure_on_is_refused(
+    tmp_path: Path, spoil: Callable[[dict[str, Any]], dict[str, Any]], told: str
+) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(written(tmp_path, SCENARIO, spoil(SITE)))
+    assert told in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"nowhere\.yaml: cannot be read"):
+        load_scenario(tmp_path / "nowhere.yaml")
+
+
+def test_the_digest_follows_what_the_world_is_made_of_and_nothing_else(tmp_path: Path) -> None:
+    first = scenario_digest(*load_scenario(written(tmp_path, SCENARIO)))
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    assert scenario_digest(*load_scenario(written(elsewhere, changed(SCENARIO, "about", "the same")))) == first
+    for place, value in (("duration", 61), ("views.0.frames_per_s", 6), ("radio", {"noise_sigma": 9.0})):
+        assert scenario_digest(*load_scenario(written(tmp_path, changed(SCENARIO, place, value)))) != first
+    moved = changed(SITE, "access_points.0.position", [1, 0, 3])
+    assert scenario_digest(*load_scenario(written(tmp_path, SCENARIO, moved))) != first
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_scenario_is_right(name: str, request: pytest.FixtureRequest) -> None:
+    if name in NEEDS_DATA:
+        request.getfixturevalue("data_folder")
+    scenario, site = load_scenario(SITES / name / "scenario.yaml")
+    assert scenario.scenario == name == site.site
+    assert scenario.seeds.train != scenario.seeds.test or name == "hall"
+
+
+def test_what_the_issue_asks_for_ships() -> None:
+    assert {"museum", "construction-1", "construction-2", "crowd", "office", "mall"} <= set(SHIPPED)
