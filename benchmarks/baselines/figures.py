@@ -43,7 +43,7 @@ def baseline_window_errors(record: WorldRecord, survey: Survey | None, window: f
         nearest = constant_velocity.track(record, times)
         errors["cv"] = window_rmse(truth, _matched(record, nearest, window), centre, window).rmse
         if survey is not None and record.scans:
-            model = surveyed_path_loss(record.site, survey)
+            model = surveyed_path_loss(record.site, survey, record.site.area(record.area).floor)
             paired = ev_loc.locate_on_tracks(record, model, nearest)
             errors["evloc"] = field_of_view_errors(truth, _of_carriers(truth, paired), window).offline
     return errors

@@ -68,15 +68,16 @@ def readings_of(scans: Sequence[RadioScan], access_points: Sequence[str]) -> tup
     return np.array([scan.t for scan in scans], float), readings
 
 
-def surveyed_path_loss(site: Site, survey: Survey) -> PathLoss:
+def surveyed_path_loss(site: Site, survey: Survey, floor: str) -> PathLoss:
     """Return the log-distance model that fits the survey best: P₀ and n per access point by least squares.
 
-    Only access points heard at three places or more are in it: two fit any line. [ravel-thesis §3.3, §10]
+    Only access points of this floor are in it, since a ceiling is no distance, and of them only those heard at three
+    places or more: two fit any line. [ravel-thesis §3.3, §10]
 
     Raises:
-        ValueError: no access point of the survey and the site was heard often enough.
+        ValueError: no access point of the floor was heard often enough.
     """
-    placed = {point.id: point for point in site.access_points}
+    placed = {point.id: point for point in site.access_points if point.floor == floor}
     known = [(name, column) for column, name in enumerate(survey.access_points) if name in placed]
     geometry = PathLoss.of([placed[name] for name, _ in known])
     distance = geometry.log_distance(survey.position)
@@ -94,7 +95,7 @@ def surveyed_path_loss(site: Site, survey: Survey) -> PathLoss:
         exponent.append(slope)
         power.append(float(reading.mean() + slope * level.mean()))
     if not kept:
-        raise ValueError("survey: no access point of the site was heard at three places or more")
+        raise ValueError(f"survey: no access point of floor {floor!r} was heard at three places or more")
     return PathLoss(
         names=tuple(known[place][0] for place in kept),
         positions=geometry.positions[kept],

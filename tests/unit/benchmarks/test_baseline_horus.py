@@ -139,16 +139,19 @@ def test_the_surveyed_model_finds_the_world_s_constants_and_stays_physical():
     grid = np.stack(np.meshgrid(np.arange(0.5, 11), np.arange(0.5, 9)), axis=-1).reshape(-1, 2)
     readings = truth.rssi(grid)[:, None]
     readings[:, :, 3] = np.nan
-    model = surveyed_path_loss(site, Survey([*truth.names[:3], "unplaced"], grid, readings))
+    model = surveyed_path_loss(site, Survey([*truth.names[:3], "unplaced"], grid, readings), "ground")
     assert model.names == truth.names[:3]
     np.testing.assert_allclose(model.power_1m, truth.power_1m[:3], atol=1e-9)
     np.testing.assert_allclose(model.exponent, truth.exponent[:3], atol=1e-9)
-    upside_down = surveyed_path_loss(site, Survey(truth.names[:1], grid, -100.0 - truth.rssi(grid)[:, None, :1]))
+    flipped = Survey(truth.names[:1], grid, -100.0 - truth.rssi(grid)[:, None, :1])
+    upside_down = surveyed_path_loss(site, flipped, "ground")
     assert upside_down.exponent[0] == 1.0
     readings[2:, :, 0] = np.nan
-    assert surveyed_path_loss(site, Survey(truth.names, grid, readings)).names == truth.names[1:3]
+    assert surveyed_path_loss(site, Survey(truth.names, grid, readings), "ground").names == truth.names[1:3]
     with pytest.raises(ValueError, match="three places"):
-        surveyed_path_loss(site, Survey(truth.names[:1], grid, readings[:, :, :1]))
+        surveyed_path_loss(site, Survey(truth.names[:1], grid, readings[:, :, :1]), "ground")
+    with pytest.raises(ValueError, match="of floor 'first'"):
+        surveyed_path_loss(site, flipped, "first")
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ from baseline_world import DEPTH, VIEW, WIDTH, SmallWorld, sighted
 from filterpy.kalman import KalmanFilter
 from scipy.stats import multivariate_normal
 
-from benchmarks.baselines.vision_rbmcda import Particles, RbmcdaParameters, View, track
+from benchmarks.baselines.sightings import Sightings
+from benchmarks.baselines.vision_rbmcda import Particles, RbmcdaParameters, View, _cycles, track
 
 NOISE = 0.25**2 * np.eye(2)
 
@@ -230,6 +231,14 @@ def test_newest_frame_of_each_cycle_is_used_and_answers_come_from_the_past(recor
     whole = track(replace(record, frames=fast), times)
     before = whole.when <= 40
     np.testing.assert_array_equal(whole.position[before], cut.position[cut.when <= 40])
+
+
+def test_rounding_of_times_since_the_epoch_puts_no_two_frames_into_one_cycle():
+    t = np.add.accumulate([1.7e9 + 0.1, *[0.2] * 500])
+    sightings = Sightings.of([sighted(float(now), [(1.0, 1.0)]) for now in t])
+    cycles = list(_cycles(sightings, 0.2))
+    assert len(cycles) == 501
+    assert all(len(rows) == 1 for _, rows in cycles)
 
 
 def test_a_frame_late_for_the_end_of_its_cycle_costs_no_half_second(record):
