@@ -6,6 +6,7 @@ None of it is white: who stands still hears the same again and again, and is off
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,32 +102,37 @@ class Fading:
 
 
 class Drift:
-    """A slow drift of one transmitter, the same for all phones: an Ornstein-Uhlenbeck process, a function of time.
+    """A slow drift of each transmitter, the same for all phones: Ornstein-Uhlenbeck processes, functions of time.
 
     Args:
-        rng: draws it in order of time; used here only.
+        rngs: draw them in order of time, one for each of k transmitters; used here only.
         sigma: standard deviation, dB.
-        time: seconds after which its correlation is 1/e.
+        time: seconds after which their correlation is 1/e.
     """
 
-    def __init__(self, rng: np.random.Generator, sigma: float, time: float) -> None:
-        self._rng = rng
+    def __init__(self, rngs: Sequence[np.random.Generator], sigma: float, time: float) -> None:
+        self._rngs = rngs
         self._sigma = sigma
         self._step = time / 20.0
         self._kept = math.exp(-1.0 / 20.0)
-        self._table: Array = rng.standard_normal(1)
+        self._table: Array = self._fresh(1)
 
     def at(self, t: Array) -> Array:
-        """Return the drift in dB, (n,), at world times (n,) >= 0 (before that, what it is at 0)."""
-        if not len(t):
-            return np.zeros(0)
+        """Return the drifts in dB, (n, k), at world times (n,) >= 0 (before that, what they are at 0)."""
         place = np.maximum(t, 0.0) / self._step
-        while place.max() >= len(self._table) - 1:
-            fresh = self._rng.standard_normal((_DRAWN, 1))
-            grown = _recur(np.full(_DRAWN, self._kept), self._table[-1:].copy(), fresh)
-            self._table = np.concatenate([self._table, grown[:, 0]])
-        drift: Array = self._sigma * np.interp(place, np.arange(len(self._table)), self._table)
+        while len(t) and place.max() >= len(self._table) - 1:
+            grown = _recur(np.full(_DRAWN, self._kept), self._table[-1].copy(), self._fresh(_DRAWN))
+            self._table = np.concatenate([self._table, grown])
+        row = place.astype(np.int64)
+        part = (place - row)[:, None]
+        drift: Array = self._sigma * (self._table[row] * (1.0 - part) + self._table[row + 1] * part)
         return drift
+
+    def _fresh(self, count: int) -> Array:
+        drawn = np.empty((count, len(self._rngs)))
+        for column, rng in enumerate(self._rngs):
+            drawn[:, column] = rng.standard_normal(count)
+        return drawn
 
 
 def _recur(kept: Array, state: Array, fresh: Array) -> Array:

@@ -1,7 +1,7 @@
 """What would a phone hear here? A seeded radio world: path loss, and what path loss does not know.
 
-Received power = P0 - 10 n log10(d) + shadowing(place) - walls and obstacles in between - storeys - the carrier's body
-+ drift of the access point + what this phone reads too much + small-scale fading + white noise, in whole dBm; weak
+Received power = P0 - 10 n log10(d) + shadowing(place, facing) - walls and obstacles between - storeys - the carrier's
+body + drift of the access point + what this phone reads too much + small-scale fading + white noise, in whole dBm; weak
 access points are often not heard at all. The true P0 and n differ from the site file's guesses, walls are built and
 access points move while the world runs. How large each part is, is fitted to recordings by ``atrium bench radio-fit``.
 """
@@ -19,7 +19,7 @@ from pydantic import Field
 from services.simulator.radio_changes import MovedAccessPoint, NewWall, PowerChange, RadioChange, unknown_names
 from services.simulator.radio_fading import Drift, Fading
 from services.simulator.seeds import generator
-from services.simulator.shadowing import Lattice, ShadowingField, TabulatedField
+from services.simulator.shadowing import Lattice, ShadowingField, TabulatedFields
 from services.simulator.wall_loss import Barriers, LinkLoss
 from shared.site import AccessPoint, Site
 from shared.site.site_file import Number, Part
@@ -33,6 +33,7 @@ PHONE_HEIGHT = 1.2
 STOREY = 3.5
 """Metres from floor to floor."""
 _FINEST = 0.1  # metres between nodes of tabulated shadowing
+_FEATURES = 256  # waves of a field
 _CELL = 0.2  # metres: how fine the edges of walls' shadows are
 _AROUND = 6.0  # metres around the outline in which people outside the door are still heard
 
@@ -46,11 +47,11 @@ class RadioParameters(Part):
     exponent_sigma: Annotated[Number, Field(ge=0, le=2)] = Field(
         0.2, description="spread of the true path-loss exponent about the site file's"
     )
-    shadowing_sigma: Decibels = Field(3.0, description="standard deviation of the field of shadowing, dB")
+    shadowing_sigma: Decibels = Field(3.2, description="standard deviation of the field of shadowing, dB")
     shadowing_length: Annotated[Number, Field(ge=0.2, le=100)] = Field(
-        2.0, description="metres after which shadowing's correlation is 1/e"
+        2.5, description="metres after which shadowing's correlation is 1/e"
     )
-    wall_loss: Decibels = Field(4.0, description="dB for each wall of the plan between phone and access point")
+    wall_loss: Decibels = Field(2.0, description="dB for each wall of the plan between phone and access point")
     obstacle_loss: Decibels = Field(0.0, description="dB for each obstacle of the plan in between")
     most_wall_loss: Annotated[Number, Field(ge=0, le=100)] = Field(
         25.0, description="most dB that walls and obstacles take together: round corners power comes anyhow"
@@ -59,19 +60,24 @@ class RadioParameters(Part):
         15.0, description="dB for each storey between phone and access point; their walls are not counted then"
     )
     body_loss: Decibels = Field(
-        4.5, description="dB lost when the carrier's body is right between phone and access point"
+        6.5, description="dB lost when the carrier's body is right between phone and access point"
+    )
+    facing_sigma: Decibels = Field(
+        3.0,
+        description="what it adds or takes besides, place by place, to face another way: waves come by way of walls, "
+        "and bodies and antennas favour some directions, dB",
     )
     device_sigma: Decibels = Field(3.0, description="spread of phones' offsets, dB")
     antenna_sigma: Decibels = Field(1.0, description="spread of what a phone hears of one access point more, dB")
-    drift_sigma: Decibels = Field(1.5, description="slow drift of each access point, dB")
+    drift_sigma: Decibels = Field(1.0, description="slow drift of each access point, dB")
     drift_time: Annotated[Number, Field(ge=1, le=1e6)] = Field(
-        900.0, description="seconds after which drift's correlation is 1/e"
+        1800.0, description="seconds after which drift's correlation is 1/e"
     )
     rice_factor: Annotated[Number, Field(ge=0, le=1000)] = Field(
-        2.5, description="K of the small-scale fading of Wi-Fi: power of the steady wave over that of the scattered"
+        5.0, description="K of the small-scale fading of Wi-Fi: power of the steady wave over that of the scattered"
     )
     rice_factor_ble: Annotated[Number, Field(ge=0, le=1000)] = Field(
-        1.2, description="the same for Bluetooth, narrow in frequency, on three channels that fade each by itself"
+        1.8, description="the same for Bluetooth, narrow in frequency, on three channels that fade each by itself"
     )
     fading_length: Annotated[Number, Field(ge=0.01, le=10)] = Field(
         0.2, description="metres of movement after which fading is another"
@@ -81,49 +87,31 @@ class RadioParameters(Part):
     )
     flicker_sigma: Decibels = Field(0.6, description="quick wavering of the air, dB")
     flicker_time: Annotated[Number, Field(ge=0.05, le=1e4)] = Field(5.0, description="its correlation time, seconds")
-    noise_sigma: Decibels = Field(1.3, description="white noise of each reading, dB")
+    noise_sigma: Decibels = Field(1.1, description="white noise of each reading, dB")
     sensitivity: Annotated[Number, Field(ge=-120, le=-20)] = Field(
-        -90.0, description="power at which half of the readings are missed, dBm"
+        -93.0, description="power at which half of the readings are missed, dBm"
     )
     sensitivity_slope: Annotated[Number, Field(ge=0.1, le=20)] = Field(
-        2.5, description="how gently hearing fades around the sensitivity: the scale of a logistic curve, dB"
+        1.5, description="how gently hearing fades around the sensitivity: the scale of a logistic curve, dB"
     )
     always_missed: Annotated[Number, Field(ge=0, lt=1)] = Field(
         0.02, description="share of readings missed however strong the access point is"
+    )
+    always_missed_ble: Annotated[Number, Field(ge=0, lt=1)] = Field(
+        0.12, description="the same of Bluetooth adverts: receivers listen to one channel at a time"
     )
     changes: list[RadioChange] = Field([], description="what changes while the world runs")
 
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where an access point hangs from some time on, and what is particular to that place."""
+    """Where an access point hangs from some time on; one column of the arrays below."""
 
+    point: str
+    number: int
     since: float
-    position: Array
-    shadowing: Mapping[str, TabulatedField]
-    walls: LinkLoss
-
-
-@dataclass(frozen=True, slots=True)
-class _AddedWall:
-    since: float
+    position: tuple[float, float, float]
     floor: str
-    barriers: Barriers
-
-
-@dataclass(frozen=True, slots=True)
-class _Transmitter:
-    """An access point as it really is."""
-
-    floor: str
-    level: int
-    power_1m: float
-    exponent: float
-    places: Sequence[_Place]
-    added_walls: Sequence[tuple[float, Sequence[LinkLoss]]]
-    """When a wall was added to its floor, and its loss for each of ``places``."""
-    power_changes: Sequence[tuple[float, float]]
-    drift: Drift
 
 
 class RadioWorld:
@@ -134,6 +122,7 @@ class RadioWorld:
         power_1m: their true P0 in the beginning, (k,), dBm.
         exponent: their true path-loss exponents, (k,).
         ble: which of them are Bluetooth beacons, (k,).
+        floors: ids of the site's floors.
 
     Raises:
         ValueError: a change names a floor or an access point that the site does not have.
@@ -148,22 +137,54 @@ class RadioWorld:
         chosen = self.parameters
         self.floors: Sequence[str] = [floor.id for floor in site.floors]
         self._levels: Mapping[str, int] = {floor.id: floor.level for floor in site.floors}
-        outlines = {floor.id: np.array(floor.outline) for floor in site.floors}
-        self._coarse, self._fine = (
-            {
-                floor: Lattice(corners.min(axis=0) - _AROUND, corners.max(axis=0) + _AROUND, spacing)
-                for floor, corners in outlines.items()
-            }
-            for spacing in (_CELL, max(_FINEST, chosen.shadowing_length / 15.0))
-        )
-        self._barriers = {
-            floor.id: Barriers.of(floor.plan(), chosen.wall_loss, chosen.obstacle_loss) for floor in site.floors
-        }
-        self._transmitters = [self._draw(point) for point in site.access_points]
         self.access_points: Sequence[str] = [point.id for point in site.access_points]
-        self.power_1m: Array = np.array([transmitter.power_1m for transmitter in self._transmitters])
-        self.exponent: Array = np.array([transmitter.exponent for transmitter in self._transmitters])
         self.ble: NDArray[np.bool_] = np.array([point.kind == "ble" for point in site.access_points], dtype=bool)
+        constants = np.array([self._constants(point) for point in site.access_points]).reshape(-1, 2)
+        self.power_1m: Array = constants[:, 0]
+        self.exponent: Array = constants[:, 1]
+        names = self.access_points
+        self._drift = Drift([generator(seed, "drift", name) for name in names], chosen.drift_sigma, chosen.drift_time)
+        self._power_changes = [
+            (change.at, names.index(change.access_point), change.by)
+            for change in chosen.changes
+            if isinstance(change, PowerChange)
+        ]
+        self._places = [place for point in site.access_points for place in _places(point, chosen.changes)]
+        self._column_of: list[list[int]] = [
+            [column for column, place in enumerate(self._places) if place.point == name] for name in names
+        ]
+        self._position: Array = np.array([place.position for place in self._places]).reshape(-1, 3)
+        self._column_exponent = self.exponent[[names.index(place.point) for place in self._places]]
+        self._column_level = np.array([self._levels[place.floor] for place in self._places], dtype=np.int64)
+        self._on_floor = {
+            floor: np.array([n for n, place in enumerate(self._places) if place.floor == floor], dtype=np.int64)
+            for floor in self.floors
+        }
+        self._shadowing: dict[str, TabulatedFields] = {}
+        self._facing: dict[str, tuple[TabulatedFields, TabulatedFields] | None] = {}
+        self._walls: dict[str, list[tuple[float, LinkLoss]]] = {}
+        for floor in site.floors:
+            corners = np.array(floor.outline)
+            low, high = corners.min(axis=0) - _AROUND, corners.max(axis=0) + _AROUND
+            fine = Lattice(low, high, max(_FINEST, chosen.shadowing_length / 12.0))
+            self._shadowing[floor.id] = self._fields(floor.id, "shadowing", chosen.shadowing_sigma, fine)
+            self._facing[floor.id] = None
+            if chosen.facing_sigma > 0.0:
+                self._facing[floor.id] = (
+                    self._fields(floor.id, "facing x", chosen.facing_sigma, fine),
+                    self._fields(floor.id, "facing y", chosen.facing_sigma, fine),
+                )
+            sources = self._position[self._on_floor[floor.id], :2]
+            standing = Barriers.of(floor.plan(), chosen.wall_loss, chosen.obstacle_loss)
+            coarse = Lattice(low, high, _CELL)
+            self._walls[floor.id] = [
+                (0.0, LinkLoss(standing, sources, coarse)),
+                *(
+                    (change.at, LinkLoss(Barriers([(change.line, change.loss)]), sources, coarse))
+                    for change in chosen.changes
+                    if isinstance(change, NewWall) and change.floor == floor.id
+                ),
+            ]
 
     def expected(
         self, points: ArrayLike, floor: str, heading: ArrayLike | None = None, t: ArrayLike | None = None
@@ -181,108 +202,73 @@ class RadioWorld:
         count = len(points)
         times = np.broadcast_to(np.asarray(0.0 if t is None else t, float), (count,))
         facing = None if heading is None else np.broadcast_to(np.asarray(heading, float), (count,))
-        level = self._levels[floor]
-        power = np.empty((count, len(self._transmitters)))
-        for column, source in enumerate(self._transmitters):
-            power[:, column] = source.power_1m + source.drift.at(times)
-            for since, by in source.power_changes:
-                power[times >= since, column] += by
-            index = np.searchsorted([place.since for place in source.places[1:]], times, side="right")
-            for number in range(len(source.places)):
-                here = slice(None) if len(source.places) == 1 else np.flatnonzero(index == number)
-                power[here, column] += self._from_place(
-                    source, number, points[here], floor, level, None if facing is None else facing[here], times[here]
-                )
+        gain = self._gain(points, floor, facing, times)
+        power: Array = self.power_1m + self._drift.at(times)
+        for since, column, by in self._power_changes:
+            power[times >= since, column] += by
+        index = np.empty(power.shape, np.int64)
+        for column, places in enumerate(self._column_of):
+            later = [self._places[place].since for place in places[1:]]
+            index[:, column] = places[0] + (np.searchsorted(later, times, side="right") if later else 0)
+        power += np.take_along_axis(gain, index, axis=1)
         return power
 
     def phone(self, device: str) -> PhoneRadio:
         """Return the radio of one phone: its own offsets and its own noise."""
         return PhoneRadio(self, generator(self.seed, "phone radio", device))
 
-    def _from_place(
-        self, source: _Transmitter, number: int, points: Array, floor: str, level: int, facing: Array | None, t: Array
-    ) -> Array:
-        """Return the gain, (n,) dB, of a transmitter that hangs at the given one of its places."""
+    def _gain(self, points: Array, floor: str, facing: Array | None, t: Array) -> Array:
+        """Return what the way from each place of an access point adds, (n, places), dB."""
         chosen = self.parameters
-        place = source.places[number]
-        storeys = abs(level - source.level)
-        same_floor = floor == source.floor
-        toward = place.position[:2] - points
-        rise = place.position[2] - PHONE_HEIGHT if storeys == 0 else STOREY * storeys
-        distance = np.sqrt(toward[:, 0] ** 2 + toward[:, 1] ** 2 + rise**2)
-        gain = -10.0 * source.exponent * np.log10(np.maximum(distance, 0.3))
-        gain += place.shadowing[floor].at(points)
+        toward_x, toward_y = (self._position[:, axis] - points[:, axis, None] for axis in (0, 1))
+        storeys = np.abs(self._levels[floor] - self._column_level)
+        rise = np.where(storeys == 0, self._position[:, 2] - PHONE_HEIGHT, STOREY * storeys)
+        distance = np.sqrt(toward_x**2 + toward_y**2 + rise**2)
+        gain: Array = -10.0 * self._column_exponent * np.log10(np.maximum(distance, 0.3))
+        gain += self._shadowing[floor].at(points)
         gain -= chosen.floor_loss * storeys
-        if same_floor:
-            lost = place.walls.at(points)
-            for since, losses in source.added_walls:
-                lost = lost + np.where(t >= since, losses[number].at(points), 0.0)
-            gain -= np.minimum(lost, chosen.most_wall_loss)
-        if facing is None:
-            gain -= 0.5 * chosen.body_loss
-        else:
-            bearing = np.arctan2(toward[:, 1], toward[:, 0])
-            gain -= 0.5 * chosen.body_loss * (1.0 - np.cos(bearing - facing))
+        here = self._on_floor[floor]
+        lost = np.zeros((len(points), len(here)))
+        for since, walls in self._walls[floor]:
+            standing = np.flatnonzero(t >= since) if since > 0.0 else slice(None)
+            lost[standing] += walls.at(points[standing])
+        gain[:, here] -= np.minimum(lost, chosen.most_wall_loss)
+        gain -= 0.5 * chosen.body_loss
+        if facing is not None:
+            along_x, along_y = np.cos(facing)[:, None], np.sin(facing)[:, None]
+            ahead = (toward_x * along_x + toward_y * along_y) / np.maximum(np.hypot(toward_x, toward_y), 0.1)
+            gain += 0.5 * chosen.body_loss * ahead
+            fields = self._facing[floor]
+            if fields is not None:
+                gain += fields[0].at(points) * along_x + fields[1].at(points) * along_y
         return gain
 
-    def _draw(self, point: AccessPoint) -> _Transmitter:
+    def _constants(self, point: AccessPoint) -> tuple[float, float]:
+        """Return an access point's true P0 and exponent."""
         chosen = self.parameters
         rng = generator(self.seed, "access point", point.id)
         power = point.power_1m + rng.normal(0.0, chosen.power_sigma)
-        exponent = max(1.0, point.path_loss_exponent + rng.normal(0.0, chosen.exponent_sigma))
-        moves = [
-            change
-            for change in chosen.changes
-            if isinstance(change, MovedAccessPoint) and change.access_point == point.id
-        ]
-        spots = [(0.0, point.position), *((move.at, move.position) for move in sorted(moves, key=lambda move: move.at))]
-        lattice = self._coarse[point.floor]
-        places = [
-            _Place(
-                since,
-                np.array(position),
-                self._shadowing(point.id, number),
-                LinkLoss(self._barriers[point.floor], np.array(position[:2]), lattice),
-            )
-            for number, (since, position) in enumerate(spots)
-        ]
-        added = [
-            (
-                change.at,
-                [LinkLoss(Barriers([(change.line, change.loss)]), place.position[:2], lattice) for place in places],
-            )
-            for change in chosen.changes
-            if isinstance(change, NewWall) and change.floor == point.floor
-        ]
-        return _Transmitter(
-            floor=point.floor,
-            level=self._levels[point.floor],
-            power_1m=power,
-            exponent=exponent,
-            places=places,
-            added_walls=added,
-            power_changes=[
-                (change.at, change.by)
-                for change in chosen.changes
-                if isinstance(change, PowerChange) and change.access_point == point.id
+        return power, max(1.0, point.path_loss_exponent + rng.normal(0.0, chosen.exponent_sigma))
+
+    def _fields(self, floor: str, name: str, sigma: float, lattice: Lattice) -> TabulatedFields:
+        """Return a floor's fields, one for each place of an access point."""
+        length = self.parameters.shadowing_length
+        return TabulatedFields(
+            [
+                ShadowingField(
+                    generator(self.seed, name, place.point, str(place.number), floor), sigma, length, _FEATURES
+                )
+                for place in self._places
             ],
-            drift=Drift(generator(self.seed, "drift", point.id), chosen.drift_sigma, chosen.drift_time),
+            lattice,
         )
 
-    def _shadowing(self, point: str, place: int) -> dict[str, TabulatedField]:
-        """Return the fields of an access point at one of its places, a field for each floor that hears it."""
-        chosen = self.parameters
-        return {
-            floor: TabulatedField(
-                ShadowingField(
-                    generator(self.seed, "shadowing", point, str(place), floor),
-                    chosen.shadowing_sigma,
-                    chosen.shadowing_length,
-                ),
-                self._fine[floor],
-            )
-            for floor in self.floors
-        }
+
+def _places(point: AccessPoint, changes: Sequence[RadioChange]) -> list[_Place]:
+    """Return where an access point hangs, in order of time."""
+    moves = [change for change in changes if isinstance(change, MovedAccessPoint) and change.access_point == point.id]
+    spots = [(0.0, point.position), *((move.at, move.position) for move in sorted(moves, key=lambda move: move.at))]
+    return [_Place(point.id, number, since, position, point.floor) for number, (since, position) in enumerate(spots)]
 
 
 class PhoneRadio:
@@ -344,7 +330,8 @@ class PhoneRadio:
             )
         power += self.offset + self.antenna + self._fading.along(times, places, index)
         power += chosen.noise_sigma * self._noise.standard_normal(power.shape)
-        heard = (1.0 - chosen.always_missed) * _logistic((power - chosen.sensitivity) / chosen.sensitivity_slope)
+        most = 1.0 - np.where(self._world.ble, chosen.always_missed_ble, chosen.always_missed)
+        heard = most * _logistic((power - chosen.sensitivity) / chosen.sensitivity_slope)
         readings: Array = np.where(self._hearing.random(power.shape) < heard, np.round(np.minimum(power, -1.0)), np.nan)
         return readings
 

@@ -7,15 +7,16 @@ what walls and distance do not explain, and what averaging over time does not ta
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Lattice", "ShadowingField", "TabulatedField"]
+__all__ = ["Lattice", "ShadowingField", "TabulatedFields"]
 
 Array = NDArray[np.float64]
 
-_NODES = 250_000  # most nodes of a lattice: larger floors get a coarser one
+_NODES = 120_000  # most nodes of a lattice: larger floors get a coarser one
 
 
 class ShadowingField:
@@ -41,15 +42,17 @@ class ShadowingField:
         field: Array = self._amplitude * np.cos(points @ self._waves + self._phases).sum(axis=1)
         return field
 
-    def over(self, x: Array, y: Array) -> Array:
-        """Return the field in dB, (len(x), len(y)), on the lattice of plan coordinates ``x`` and ``y``.
+    def over(self, lattice: Lattice) -> Array:
+        """Return the field in dB, (len(lattice.x), len(lattice.y)), on the nodes of a lattice.
 
-        The same numbers as ``at``, but each wave is a product of a part in x and a part in y, so that a whole floor
-        costs two matrix products.
+        The same numbers as ``at``, but each wave is a product of a part in x and a part in y that turns by the same
+        angle from node to node, so that a whole floor costs a matrix product.
         """
-        along = np.outer(x, self._waves[0]) + self._phases
-        across = np.outer(self._waves[1], y)
-        field: Array = self._amplitude * (np.cos(along) @ np.cos(across) - np.sin(along) @ np.sin(across))
+        along = _turning(self._waves[0], lattice.x) * np.exp(1j * self._phases)
+        across = _turning(self._waves[1], lattice.y)
+        left = np.concatenate([along.real, -along.imag], axis=1).astype(np.float32)
+        right = np.concatenate([across.real, across.imag], axis=1).astype(np.float32)
+        field: Array = self._amplitude * (left @ right.T)
         return field
 
 
@@ -80,25 +83,36 @@ class Lattice:
         return cell, place - cell
 
 
-class TabulatedField:
-    """A shadowing field computed once on a lattice and interpolated in between: for millions of points.
+class TabulatedFields:
+    """Shadowing fields computed once on a lattice and interpolated in between: for millions of points.
 
     Args:
-        field: what is tabulated.
-        lattice: where.
+        fields: c fields.
+        lattice: where they are tabulated.
     """
 
-    def __init__(self, field: ShadowingField, lattice: Lattice) -> None:
+    def __init__(self, fields: Sequence[ShadowingField], lattice: Lattice) -> None:
         self._lattice = lattice
-        self._table = field.over(lattice.x, lattice.y).astype(np.float32)
+        self._table = np.empty((len(lattice.x) * len(lattice.y), len(fields)), np.float32)
+        for column, field in enumerate(fields):
+            self._table[:, column] = field.over(lattice).ravel()
 
     def at(self, points: Array) -> Array:
-        """Return the field in dB, (n,), at plan points (n, 2); that of the nearest edge outside the lattice."""
+        """Return the fields in dB, (n, c), at plan points (n, 2); those of the nearest edge outside the lattice."""
         cell, part = self._lattice.cells(points)
-        i, j = cell.T
-        u, v = part.T
+        rows = len(self._lattice.y)
+        corner = cell[:, 0] * rows + cell[:, 1]
+        u, v = part[:, :1], part[:, 1:]
         table = self._table
-        value: Array = (table[i, j] * (1 - u) + table[i + 1, j] * u) * (1 - v) + (
-            table[i, j + 1] * (1 - u) + table[i + 1, j + 1] * u
-        ) * v
+        low = table[corner] * (1.0 - u) + table[corner + rows] * u
+        high = table[corner + 1] * (1.0 - u) + table[corner + rows + 1] * u
+        value: Array = low * (1.0 - v) + high * v
         return value
+
+
+def _turning(waves: Array, nodes: Array) -> NDArray[np.complex128]:
+    """Return exp(i · wave · node), (n, features), at evenly spaced nodes (n,)."""
+    turns = np.empty((len(nodes), len(waves)), np.complex128)
+    turns[0] = np.exp(1j * waves * nodes[0])
+    turns[1:] = np.exp(1j * waves * (nodes[1] - nodes[0]))
+    return np.cumprod(turns, axis=0, out=turns)

@@ -82,34 +82,37 @@ def crossings(points: Array, source: Array, segments: Array) -> NDArray[np.bool_
 
 
 class LinkLoss:
-    """What barriers take from one access point over a whole floor, cell by cell as people come there.
+    """What barriers take from access points over a whole floor, cell by cell as people come there.
 
     The loss is that of the cell's middle: shadows of walls have edges as fine as a cell.
 
     Args:
         barriers: of the floor.
-        source: where the access point is, x and y in metres.
+        sources: where the access points are, (c, 2), metres on the plan.
         lattice: of the floor.
     """
 
-    def __init__(self, barriers: Barriers, source: Array, lattice: Lattice) -> None:
+    def __init__(self, barriers: Barriers, sources: Array, lattice: Lattice) -> None:
         self._barriers = barriers
-        self._source = source
+        self._sources = sources
         self._lattice = lattice
-        self._table = np.full((len(lattice.x), len(lattice.y)), np.nan, np.float32)
+        empty = not len(barriers.segments) or not len(sources)
+        cells = 0 if empty else len(lattice.x) * len(lattice.y)
+        self._row = np.full(cells, -1, np.int64)  # where a cell stands in the table, once somebody came there
+        self._table = np.empty((0, len(sources)))
 
     def at(self, points: Array) -> Array:
-        """Return the loss in dB, (n,), at plan points (n, 2)."""
-        if not len(self._barriers.segments):
-            return np.zeros(len(points))
+        """Return the losses in dB, (n, c), at plan points (n, 2)."""
+        if not len(self._row):
+            return np.zeros((len(points), len(self._sources)))
         cell, _ = self._lattice.cells(points)
-        i, j = cell.T
-        known: Array = self._table[i, j]
-        new = np.isnan(known)
-        if new.any():
-            fresh = np.unique(cell[new], axis=0)
-            middles = np.column_stack([self._lattice.x[fresh[:, 0]], self._lattice.y[fresh[:, 1]]])
-            middles += 0.5 * self._lattice.spacing
-            self._table[fresh[:, 0], fresh[:, 1]] = self._barriers.between(middles, self._source)
-            known = self._table[i, j]
-        return known.astype(float)
+        number = cell[:, 0] * len(self._lattice.y) + cell[:, 1]
+        fresh = np.unique(number[self._row[number] < 0])
+        if len(fresh):
+            i, j = np.divmod(fresh, len(self._lattice.y))
+            middles = np.column_stack([self._lattice.x[i], self._lattice.y[j]]) + 0.5 * self._lattice.spacing
+            lost = np.column_stack([self._barriers.between(middles, source) for source in self._sources])
+            self._row[fresh] = len(self._table) + np.arange(len(fresh))
+            self._table = np.concatenate([self._table, lost])
+        lost_here: Array = self._table[self._row[number]]
+        return lost_here

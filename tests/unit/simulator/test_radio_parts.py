@@ -12,15 +12,15 @@ from pydantic import TypeAdapter, ValidationError
 
 from services.simulator.radio_fading import Fading, rice_mean
 from services.simulator.scan_schedule import AdvertScans, RegularScans, ScanSchedule, ScanTimes, ThrottledScans, reports
-from services.simulator.shadowing import Lattice, ShadowingField, TabulatedField
+from services.simulator.shadowing import Lattice, ShadowingField, TabulatedFields
 from services.simulator.wall_loss import Barriers, LinkLoss, crossings
 from shared.site import FloorPlan
 
 
 def test_shadowing_has_the_stated_spread_and_correlation_length() -> None:
     rng = np.random.default_rng(1)
-    start = rng.uniform(-200, 200, (4000, 2))
-    angle = rng.uniform(0, 2 * np.pi, 4000)
+    start = rng.uniform(-200, 200, (1500, 2))
+    angle = rng.uniform(0, 2 * np.pi, 1500)
     fields = [ShadowingField(np.random.default_rng(index), 4.0, 3.0) for index in range(20)]
     here = np.concatenate([field.at(start) for field in fields])
     assert here.std() == pytest.approx(4.0, abs=0.25)
@@ -33,18 +33,17 @@ def test_shadowing_has_the_stated_spread_and_correlation_length() -> None:
 def test_the_tabulated_field_is_the_field() -> None:
     field = ShadowingField(np.random.default_rng(1), 4.0, 3.0)
     lattice = Lattice(np.array([-3.0, 2.0]), np.array([9.0, 7.0]), 0.1)
-    x, y = lattice.x[::7], lattice.y[::5]
-    points = np.array([(a, b) for a in x for b in y])
-    np.testing.assert_allclose(field.over(x, y).ravel(), field.at(points), atol=1e-9)
-    np.testing.assert_allclose(TabulatedField(field, lattice).at(points), field.at(points), atol=0.02)
+    points = np.array([(x, y) for x in lattice.x for y in lattice.y])
+    np.testing.assert_allclose(field.over(lattice).ravel(), field.at(points), atol=1e-3)
+    np.testing.assert_allclose(TabulatedFields([field], lattice).at(points)[:, 0], field.at(points), atol=0.02)
     between = np.random.default_rng(2).uniform([-3, 2], [9, 7], (2000, 2))
-    difference = TabulatedField(field, lattice).at(between) - field.at(between)
+    difference = TabulatedFields([field], lattice).at(between)[:, 0] - field.at(between)
     assert difference.std() < 0.2 * 4.0
 
 
 def test_a_huge_floor_gets_a_coarser_lattice_and_who_is_outside_hears_the_edge() -> None:
     lattice = Lattice(np.zeros(2), np.array([3000.0, 2000.0]), 0.1)
-    assert len(lattice.x) * len(lattice.y) < 300_000
+    assert len(lattice.x) * len(lattice.y) < 130_000
     cell, part = lattice.cells(np.array([[-50.0, 5000.0]]))
     assert cell[0, 0] == 0
     assert cell[0, 1] == len(lattice.y) - 2
@@ -92,8 +91,8 @@ def test_loss_by_cells_is_the_loss_of_the_line_but_for_the_edges_of_shadows() ->
     barriers = Barriers([([[5.0, 0.0], [5.0, 6.0]], 3.0), ([[8.0, 2.0], [12.0, 9.0]], 5.0)])
     source = np.array([1.0, 1.0])
     points = np.random.default_rng(1).uniform(0, 15, (4000, 2))
-    loss = LinkLoss(barriers, source, Lattice(np.zeros(2), np.full(2, 15.0), 0.2))
-    same = loss.at(points) == barriers.between(points, source)
+    loss = LinkLoss(barriers, source[None], Lattice(np.zeros(2), np.full(2, 15.0), 0.2))
+    same = loss.at(points)[:, 0] == barriers.between(points, source)
     assert same.mean() > 0.97
     np.testing.assert_array_equal(loss.at(points), loss.at(points))
 

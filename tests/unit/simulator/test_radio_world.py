@@ -18,6 +18,7 @@ QUIET: dict[str, Any] = {
     "exponent_sigma": 0.0,
     "shadowing_sigma": 0.0,
     "body_loss": 0.0,
+    "facing_sigma": 0.0,
     "device_sigma": 0.0,
     "antenna_sigma": 0.0,
     "drift_sigma": 0.0,
@@ -92,7 +93,7 @@ def test_a_run_cut_in_other_blocks_is_the_same_run(hall: Site) -> None:
 
 
 def test_true_constants_differ_from_the_site_files_guesses(hall: Site) -> None:
-    chosen = RadioParameters(power_sigma=3.0, exponent_sigma=0.2)
+    chosen = RadioParameters(power_sigma=3.0, exponent_sigma=0.2, facing_sigma=0.0, shadowing_length=20.0)
     worlds = [RadioWorld(hall, seed, chosen) for seed in range(40)]
     power = np.array([world.power_1m for world in worlds]) - [point.power_1m for point in hall.access_points]
     exponent = np.array([world.exponent for world in worlds]) - [
@@ -103,7 +104,9 @@ def test_true_constants_differ_from_the_site_files_guesses(hall: Site) -> None:
 
 
 def test_readings_are_whole_and_spread_by_what_is_not_the_place(hall: Site) -> None:
-    world = RadioWorld(hall, 3, RadioParameters(rice_factor=2.5, always_missed=0.0, sensitivity=-120.0))
+    world = RadioWorld(
+        hall, 3, RadioParameters(rice_factor=2.5, noise_sigma=1.3, always_missed=0.0, sensitivity=-120.0)
+    )
     t = np.arange(3000.0)
     here = np.repeat([[6.0, 7.0]], 3000, axis=0)
     offsets, antennas, residuals = [], [], []
@@ -117,7 +120,7 @@ def test_readings_are_whole_and_spread_by_what_is_not_the_place(hall: Site) -> N
             expected = world.expected(here, "ground", None, t * 60.0)
             residuals.append(readings - expected - phone.offset - phone.antenna)
     assert np.abs(np.nanmean(residuals, axis=(0, 1))).max() < 0.3
-    # Rician with K = 2.5: 4.1 dB; flicker 0.6, noise 1.3, rounding 0.3.
+    # Rician with K = 2.5: 4.0 dB; flicker 0.6, noise 1.3, rounding 0.3.
     assert np.nanstd(residuals) == pytest.approx(4.3, abs=0.2)
     assert np.std(offsets) == pytest.approx(3.0, rel=0.25)
     assert np.std(antennas) == pytest.approx(1.0, rel=0.15)
@@ -170,6 +173,16 @@ def test_the_body_shadows_what_is_behind_and_its_mean_is_the_mean(hall: Site) ->
     assert power[0] - power[4] == pytest.approx(5.0)
     assert power[0] > power[1] > power[2] > power[3] > power[4]
     assert power.mean() == pytest.approx(world.expected(here[:1], "ground")[0, 0])
+
+
+def test_facing_another_way_changes_power_place_by_place_and_not_on_the_whole(hall: Site) -> None:
+    world = RadioWorld(with_walls(hall), 1, quiet(facing_sigma=2.5, shadowing_length=1.0))
+    here = places(4000)
+    heading = np.random.default_rng(1).uniform(-9.0, 9.0, 4000)
+    free = world.expected(here, "ground")
+    one_way, other_way = (world.expected(here, "ground", heading + turn) - free for turn in (0.0, np.pi))
+    assert one_way.std() == pytest.approx(2.5, rel=0.1)
+    np.testing.assert_allclose(one_way, -other_way, atol=1e-6)
 
 
 def test_drift_has_the_stated_spread_and_time_and_is_the_same_for_all_phones(hall: Site) -> None:
