@@ -71,13 +71,12 @@ class NaiveBayes:
     def __init__(self, survey: Survey, parameters: NaiveBayesParameters | None = None) -> None:
         self.parameters = parameters or NaiveBayesParameters()
         self.position: Array = survey.position
-        places, samples, points = survey.readings.shape
+        places, points = len(survey.position), len(survey.access_points)
         bins = self.parameters.bins + (self.parameters.missing == "own_bin")
         counts = np.zeros((places, points, bins))
-        place, _, point = np.indices(survey.readings.shape)
         fallen = self._bins(survey.readings)
-        counted = fallen >= 0
-        np.add.at(counts, (place[counted], point[counted], fallen[counted]), 1.0)
+        place, sample, point = np.nonzero(fallen >= 0)
+        np.add.at(counts, (place, point, fallen[place, sample, point]), 1.0)
         self.log_probability: Array = np.log((counts + 1.0) / (counts.sum(axis=2, keepdims=True) + bins))
 
     def log_likelihood(self, readings: Array) -> Array:
