@@ -52,5 +52,14 @@ def leaders(
     partner = np.full(count, -1, np.intp)
     partner[frame[order], far[order]] = near[order]
     row, column = np.nonzero(partner >= 0)
-    keep = partner[row, partner[row, column]] < 0
-    return row[keep], column[keep], partner[row[keep], column[keep]]
+    nearest = partner[row, column]
+    lost = np.zeros(count, bool)
+    for _ in range(_LONGEST_ROW):
+        # Lost is whose partner is not; partners are nearer, so each round settles the next body of a row.
+        lost[row, column] = ~lost[row, nearest]
+    keep = lost[row, column] & ~lost[row, nearest]
+    return row[keep], column[keep], nearest[keep]
+
+
+_LONGEST_ROW = 8
+"""Bodies one behind the other that are told apart; of what lies deeper in a crowd some stand for themselves."""

@@ -24,6 +24,7 @@ Image = NDArray[np.uint8]
 Colour = tuple[float, float, float]
 
 _SCALE = 2
+_BAND = 16  # rows
 _WALL_HEIGHT = 3.2
 _PARTITION_HEIGHT = 3.0
 _THICKNESS = 0.12
@@ -95,18 +96,37 @@ def paint_scenery(floor: Floor, camera: CameraGeometry, rng: np.random.Generator
 
 
 def _floor(floor: Floor, camera: CameraGeometry, rng: np.random.Generator) -> Image:
+    outline = shapely.Polygon(floor.outline)
+    shapely.prepare(outline)
+    shades, slabs = rng.normal(0.0, 4.5, (97, 89)), rng.normal(0.0, 3.0, (97, 89))
+    height = camera.image_size[1]
+    # In bands of rows that fit the processor's cache.
+    bands = [
+        _floor_band(outline, camera, range(top, min(top + _BAND, height)), shades, slabs, rng)
+        for top in range(0, height, _BAND)
+    ]
+    return np.concatenate(bands)
+
+
+def _floor_band(
+    outline: shapely.Polygon,
+    camera: CameraGeometry,
+    rows: range,
+    shades: Array,
+    slabs: Array,
+    rng: np.random.Generator,
+) -> Image:
+    """Return some rows of the empty floor (rows, width, 3)."""
     width, height = camera.image_size
-    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(np.arange(width), np.array(rows)), axis=-1).reshape(-1, 2)
     ground = camera.to_ground(grid.astype(float))
     seen = np.isfinite(ground[:, 0])
     place = np.where(seen[:, None], ground, 0.0)
-    outline = shapely.Polygon(floor.outline)
-    shapely.prepare(outline)
     inside = shapely.intersects_xy(outline, place[:, 0], place[:, 1]) & seen
 
     # Stone tiles of 1 m, each of its own shade, with veins and joints; joints fade where they are thinner than a pixel.
     tile = np.floor(place).astype(np.int64)
-    shade = rng.normal(0.0, 4.5, (97, 89))[tile[:, 0] % 97, tile[:, 1] % 89]
+    shade = shades[tile[:, 0] % 97, tile[:, 1] % 89]
     veins = 3.0 * np.sin(1.7 * place[:, 0] + 2.3 * np.sin(1.1 * place[:, 1])) + 2.0 * np.sin(
         5.1 * place[:, 1] + 1.9 * np.sin(2.9 * place[:, 0])
     )
@@ -119,17 +139,18 @@ def _floor(floor: Floor, camera: CameraGeometry, rng: np.random.Generator) -> Im
     level = 138.0 + shade + veins - joint + 24.0 * np.asarray(pool)
     stone = level[:, None] * np.array([0.90, 0.97, 1.04])
 
-    slab = rng.normal(0.0, 3.0, (97, 89))[np.floor(place[:, 0] / 0.5).astype(int) % 97, tile[:, 1] % 89]
+    slab = slabs[np.floor(place[:, 0] / 0.5).astype(int) % 97, tile[:, 1] % 89]
     pavement = (96.0 + slab)[:, None] * np.array([1.0, 0.99, 0.97])
-    dark = np.linspace(38.0, 60.0, height).repeat(width)[:, None] * np.array([1.0, 0.98, 0.96])
+    depth = 38.0 + 22.0 * np.array(rows) / max(height - 1, 1)
+    dark = depth.repeat(width)[:, None] * np.array([1.0, 0.98, 0.96])
     far = np.hypot(*(place - camera.position[:2]).T) > 60.0
     colour = np.where(inside[:, None], stone, np.where((seen & ~far)[:, None], pavement, dark))
     # What lies behind the far walls is not outdoors in this picture: it is hidden by them or dark.
     behind = seen & ~inside & (place[:, 1] > top)
     colour = np.where(behind[:, None], dark, colour)
     grain = rng.normal(0.0, 2.0, (len(grid), 1))
-    picture: Image = np.clip(colour + grain, 0, 255).astype(np.uint8).reshape(height, width, 3)
-    return picture
+    band: Image = np.clip(colour + grain, 0, 255).astype(np.uint8).reshape(len(rows), width, 3)
+    return band
 
 
 def _walls_far_to_near(floor: Floor, camera: CameraGeometry) -> list[tuple[Array, Array]]:
@@ -222,10 +243,16 @@ def _contact_shadow(canvas: Image, camera: CameraGeometry, ring: Array) -> None:
     image = camera.to_image(np.column_stack([grown, np.zeros(len(grown))]))
     if not np.isfinite(image).all():
         return
-    mask = np.zeros(canvas.shape[:2], np.uint8)
-    cv2.fillPoly(mask, [_rounded(image)], 120)
+    # Only where the blur reaches: three standard deviations around it.
+    low = np.clip(np.floor(image.min(axis=0)) - 30, 0, camera.image_size).astype(int)
+    high = np.clip(np.ceil(image.max(axis=0)) + 30, 0, camera.image_size).astype(int)
+    if (low >= high).any():
+        return
+    mask = np.zeros((high[1] - low[1], high[0] - low[0]), np.uint8)
+    cv2.fillPoly(mask, [_rounded(image - low)], 120)
     soft = cv2.GaussianBlur(mask, (0, 0), 9.0)
-    canvas[:] = (canvas * (1.0 - soft[..., None] / 255.0)).astype(np.uint8)
+    cut = canvas[low[1] : high[1], low[0] : high[0]]
+    cut[:] = (cut * (1.0 - soft[..., None] / 255.0)).astype(np.uint8)
 
 
 def _exhibit(canvas: Image, mask: Image, camera: CameraGeometry, ring: Array, number: int) -> None:

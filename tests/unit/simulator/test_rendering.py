@@ -1,5 +1,6 @@
 """The rendered hall: people stand where geometry says, and nothing else changes."""
 
+import math
 from pathlib import Path
 
 import cv2
@@ -8,7 +9,9 @@ import pytest
 
 from services.simulator.people import Snapshot
 from services.simulator.rendering import HallRenderer, VideoParameters
-from shared.site import Site, load_site
+from services.simulator.seeds import generator
+from services.simulator.video_light import Light
+from shared.site import CameraGeometry, Floor, Site, load_site
 
 PERSONS = ("a", "b", "c")
 
@@ -128,3 +131,40 @@ def test_a_foreground_detector_finds_a_walker_in_the_noise(hall: Site) -> None:
     assert count < 30
     assert largest[cv2.CC_STAT_AREA] > 0.4 * (foot[1] - head[1]) * 0.27 * (foot[1] - head[1])
     assert largest[cv2.CC_STAT_TOP] + largest[cv2.CC_STAT_HEIGHT] == pytest.approx(foot[1], abs=8)
+
+
+def test_light_jumps_as_often_as_asked_whatever_was_asked_before(hall: Site) -> None:
+    video = VideoParameters(noise=0.0, light_change=0.0, light_steps=6.0, light_step=0.2)
+    first, second = (Light(video, generator(5, "light")) for _ in range(2))
+    levels = [first.at(t) for t in np.arange(0.0, 600.0, 0.2)]
+    assert np.count_nonzero(np.diff(levels)) == pytest.approx(60, abs=20)
+    assert 0.1 < np.std(levels) < 0.3
+    backwards = [second.at(t) for t in np.arange(0.0, 600.0, 0.2)[::-1]]
+    assert backwards[::-1] == levels
+
+
+def test_a_wall_within_the_floor_hides_who_stands_behind_it(hall: Site) -> None:
+    floor = hall.floor("ground")
+    floor = floor.model_copy(update={"obstacles": [], "walls": [*floor.walls, [(8.0, 6.0), (12.0, 6.0)]]})
+    geometry = hall.cameras[0].geometry.build().scaled_to(320, 240)
+    renderer = HallRenderer(floor, geometry, PERSONS, seed=5, video=VideoParameters(noise=0.0, light_change=0.0))
+    empty = renderer.empty.astype(int)
+    behind = np.abs(renderer.frame(standing((10.0, 6.6)), 0.0, 0).astype(int) - empty).max(axis=2) > 0
+    before = np.abs(renderer.frame(standing((10.0, 5.0)), 0.0, 0).astype(int) - empty).max(axis=2) > 0
+    assert behind.sum() < 0.1 * before.sum()
+
+
+@pytest.mark.parametrize("place", [(3.0, 3.0), (5.5, 6.2), (9.0, 10.0)])
+def test_seen_from_above_a_person_covers_the_floor_between_feet_and_head(place: tuple[float, float]) -> None:
+    floor = Floor(id="ground", outline=[(0, 0), (11, 0), (11, 12), (0, 12)])
+    camera = CameraGeometry.from_pose((480, 360), (5.5, 4.0, 10.0), (5.5, 6.0, 0.0), math.radians(76))
+    video = VideoParameters(noise=0.0, light_change=0.0, shadows=0.0)
+    renderer = HallRenderer(floor, camera, PERSONS, seed=5, video=video)
+    difference = np.abs(renderer.frame(standing(place), 0.0, 0).astype(int) - renderer.empty).max(axis=2)
+    v, u = np.nonzero(difference > 8)
+    foot, head = camera.to_image(np.array([[*place, 0.0], [*place, renderer.height_of(0)]]))
+    low, high = np.minimum(foot, head), np.maximum(foot, head)
+    body = 0.35 * camera.focal[0] / 10.0
+    assert low[0] - body < u.min() < u.max() < high[0] + body
+    assert low[1] - body < v.min() < v.max() < high[1] + body
+    assert difference[round((0.3 * foot + 0.7 * head)[1]), round((0.3 * foot + 0.7 * head)[0])] > 8
