@@ -180,7 +180,7 @@ recordings cannot tell: how phones' offsets differ (each was made with one phone
 full of people (these rooms were empty; the twin's 60 s is a guess), and drift over hours (below about 1 dB in the
 hall). Where they differ: addresses of the mall's beacons do not stay at a place from walk to walk; the small room's
 means spread more than the twin's, and its BLE readings waver by 8 dB at rest, twice what the hall's do; a wall of the
-mall's plan costs less than the twin's, shop fronts being glass and the plan laid over the way-points by its outline.
+mall's plan shows less than the twin's: shop fronts are glass, and who knows where the access points really hang.
 """
 
 EXPERIMENT = Experiment(

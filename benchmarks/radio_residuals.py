@@ -139,10 +139,10 @@ def correlation(
 
 
 def exponential(curve: Curve) -> tuple[float, float]:
-    """Return share and length in metres of the share · exp(-distance / length) that fits a correlation curve best.
+    """Return the correlation at no distance, and the length in metres, of the exponential that fits a curve best.
 
-    Log-distance lines swallow the field's mean, so far pairs are a little anti-correlated: a constant below zero is
-    allowed for and not told.
+    Log-distance lines swallow the field's mean, so far pairs are a little anti-correlated: the exponential may tend to
+    a constant below zero.
     """
     known = np.isfinite(curve.y)
     x, y = curve.x[known], curve.y[known]
@@ -157,7 +157,7 @@ def exponential(curve: Curve) -> tuple[float, float]:
         [0.5, 2.0, 0.0],
         bounds=([0.0, 0.2, 0.0], [1.0, 30.0, 0.2]),
     )
-    return float(found.x[0]), float(found.x[1])
+    return float(found.x[0] - found.x[2]), float(found.x[1])
 
 
 def body_effect(readings: Readings, fit: PathLossFit) -> tuple[float, Curve]:
