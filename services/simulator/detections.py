@@ -125,10 +125,11 @@ class DetectionModel:
     def frames(self, people: People, start: float, end: float) -> list[DetectionFrame]:
         """Return the frames taken in [start, end), seconds of the world; empty ones are among them."""
         numbers = frame_numbers(self.frames_per_s, start, end)
-        size = max(1, round(BLOCK * self.frames_per_s))
+        block = np.floor((numbers + 1e-6) / (BLOCK * self.frames_per_s))
         made: list[DetectionFrame] = []
-        for first in range(0, len(numbers), size):
-            made += self._block(people, numbers[first : first + size])
+        for part in np.split(numbers, np.flatnonzero(np.diff(block)) + 1):
+            if part.size:
+                made += self._block(people, part)
         return made
 
     def _block(self, people: People, numbers: Ints) -> list[DetectionFrame]:

@@ -124,13 +124,14 @@ def test_empty_frames_are_there_and_numbers_go_on_from_block_to_block() -> None:
     assert {(frame.camera, frame.floor) for frame in frames} == {("oblique", "ground")}
 
 
-def test_same_seed_same_detections_however_they_are_asked_for_and_another_seed_others() -> None:
+@pytest.mark.parametrize("fps", [10.0, 2.5, 7.0])
+def test_same_seed_same_detections_however_they_are_asked_for_and_another_seed_others(fps: float) -> None:
     crowd = pacing(np.array([5.0, 10.0, 15.0]), 9.0)
-    whole = seen(DetectionParameters(), crowd, 15.0)
-    model = DetectionModel(OBLIQUE, FLOOR, DetectionParameters(), 10.0, 3)
+    whole = seen(DetectionParameters(), crowd, 15.0, fps=fps)
+    model = DetectionModel(OBLIQUE, FLOOR, DetectionParameters(), fps, 3)
     parts = [frame for k in range(3) for frame in model.frames(crowd, 5.0 * k, 5.0 * k + 5.0)]
     assert parts == whole
-    assert seen(DetectionParameters(), crowd, 15.0, seed=4) != whole
+    assert seen(DetectionParameters(), crowd, 15.0, fps=fps, seed=4) != whole
 
 
 def test_who_is_not_present_or_on_another_floor_is_unseen() -> None:
