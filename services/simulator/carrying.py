@@ -111,7 +111,8 @@ class Habit:
     """
 
     def __init__(self, rng: np.random.Generator, carrying: Carrying, parameters: CarryingParameters) -> None:
-        self._rng = rng
+        # Moves and fidgets draw apart, each in order of time: blocks do not matter to when things happen.
+        self._rng, self._fidgeting = rng.spawn(2)
         self._carrying = carrying
         self._parameters = parameters
         sigma = math.radians(parameters.offset)
@@ -138,7 +139,7 @@ class Habit:
         """Return how the phone was carried at the next times ``t`` (n,) s of a walk at ``speed`` (n,) m/s."""
         if self._next_move is None:
             self._next_move = self._wait(float(t[0]))
-            self._next_fidget = float(t[0]) + self._exponential(self._parameters.fidget_every)
+            self._next_fidget = float(t[0]) + _exponential(self._fidgeting, self._parameters.fidget_every)
         n = len(t)
         mount = np.broadcast_to(self._hold.mount, (n, 3, 3))
         hand, offset, push = np.full(n, self._hold.hand), np.full(n, self._hold.offset), np.zeros((n, 3))
@@ -146,7 +147,7 @@ class Habit:
             if self._move is None:
                 if self._next_move > t[-1]:
                     break
-                self._move = self._begin(max(self._next_move, float(t[0])))
+                self._move = self._begin(self._next_move)
             move = self._move
             mount = _turn(mount, hand, offset, push, move, t)
             if move.start + move.seconds > t[-1]:
@@ -171,8 +172,8 @@ class Habit:
     def _wait(self, now: float) -> float:
         """Return when the next move begins, and decide which it is."""
         held = self._hold.hand > 0.5
-        regrip = now + self._exponential(self._parameters.regrip_every * (1.0 if held else 4.0))
-        swap = now + self._exponential(self._parameters.in_hand if held else self._parameters.in_pocket)
+        regrip = now + _exponential(self._rng, self._parameters.regrip_every * (1.0 if held else 4.0))
+        swap = now + _exponential(self._rng, self._parameters.in_hand if held else self._parameters.in_pocket)
         self._swaps = self._carrying == "mixed" and swap < regrip
         return swap if self._swaps else regrip
 
@@ -200,19 +201,20 @@ class Habit:
                 return envelope, rhythm
             at = self._next_fidget
             if speed[min(int(np.searchsorted(t, at)), len(t) - 1)] < _STANDING:
-                self._fidgets = fidget = self._draw_fidget(max(at, float(t[0])))
+                self._fidgets = fidget = self._draw_fidget(at)
                 at = fidget.end
-            self._next_fidget = at + self._exponential(self._parameters.fidget_every)
+            self._next_fidget = at + _exponential(self._fidgeting, self._parameters.fidget_every)
 
     def _draw_fidget(self, start: float) -> _Fidget:
-        rng = self._rng
+        rng = self._fidgeting
         direction = rng.normal(size=3) * float(rng.uniform(0.5, 1.5)) * (rng.random() < self._parameters.rhythmic)
         return _Fidget(
             start, start + float(rng.uniform(*self._parameters.fidget_for)), rng.uniform(0.8, 2.6), direction
         )
 
-    def _exponential(self, mean: float) -> float:
-        return float(self._rng.exponential(mean)) if mean > 0 else math.inf
+
+def _exponential(rng: np.random.Generator, mean: float) -> float:
+    return float(rng.exponential(mean)) if mean > 0 else math.inf
 
 
 def _turn(mount: Array, hand: Array, offset: Array, push: Array, move: _Move, t: Array) -> Array:

@@ -34,7 +34,7 @@ __all__ = [
     "SwappedBatches",
 ]
 
-_CATCHING_UP = 2.0  # seconds in which a phone that is back sends what waited
+_CATCHING_UP = 2.0  # seconds at least in which a phone that is back sends what waited
 
 
 class _During(Part):
@@ -104,6 +104,13 @@ class PhoneGone(_OfPhone):
         if self.end <= self.start:
             raise ValueError(f"end is {self.end:g}, allowed is after start = {self.start:g} s")
         return self
+
+    def caught_up(self, t: float) -> float:
+        """Return when what should happen at ``t`` does: what waited goes out in quick order once the phone is back."""
+        hurry = max(_CATCHING_UP, 0.1 * (self.end - self.start))
+        if not self.start <= t < self.end + hurry:
+            return t
+        return self.end + hurry * (t - self.start) / (self.end + hurry - self.start)
 
 
 class PhoneClockFault(_OfPhone):
@@ -240,9 +247,10 @@ class PhoneFaults:
                 batch = found
         for fault, _ in faults:
             # A phone that is off does not send either.
-            if isinstance(fault, PhoneGone) and fault.start <= batch.sent < fault.end:
-                waited = (batch.sent - fault.start) / (fault.end - fault.start)
-                batch = _later(batch, fault.end + min(_CATCHING_UP, fault.end - fault.start) * waited - batch.sent)
+            if isinstance(fault, PhoneGone):
+                sent, arrival = (fault.caught_up(t) for t in (batch.sent, batch.arrival))
+                if (sent, arrival) != (batch.sent, batch.arrival) and batch.sent >= fault.start:
+                    batch = dataclasses.replace(batch, sent=sent, arrival=arrival)
         for fault, number in faults:
             if isinstance(fault, SwappedBatches) and self._draw(number, "share", batch) < fault.share:
                 delay = _within(fault.delay, np.array([self._draw(number, "delay", batch)]))

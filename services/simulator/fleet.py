@@ -73,6 +73,11 @@ class FleetParameters(Part):
                 f"batch_seconds {self.batch_seconds:g} x inertial_rate {self.inertial_rate:g} is more than the "
                 f"{_SAMPLES} samples that a gateway takes in a batch"
             )
+        if self.upload != "live" and self.upload.every < 4.0 * self.batch_seconds:
+            raise ValueError(
+                f"upload.every is {self.upload.every:g}, "
+                f"allowed is 4 x batch_seconds = {4 * self.batch_seconds:g} s or more"
+            )
         scans = sum(_most(schedule, self.batch_seconds) for schedule in self.schedules.values())
         if scans > _SCANS:
             raise ValueError(
