@@ -147,8 +147,8 @@ def measure(data: Path, seed: int, progress: Progress) -> tuple[dict[str, Look],
 def run(options: Options, progress: Progress) -> Figures:
     """Measure, draw, print the two side by side; return the figures."""
     data = data_folder()
-    if data is None:
-        raise ExperimentError("the recordings are not there: ATRIUM_DATA names no folder")
+    if not data.is_dir():
+        raise ExperimentError(f"needs the recordings: set ATRIUM_DATA (now {data}) to their folder")
     real, twins = measure(data, options.seed, progress)
     draw(real, twins, options.picture)
     table = Table("recording", "quantity", "recorded", "twin", title="The twin's radio beside real radio")
