@@ -150,7 +150,7 @@ class World:
             phone = radio.phone(str(number))
             for second in range(int(self.seconds)):
                 t = self.t0 + second + 0.17 * number
-                level = phone.scan(self.places(t)[number], "ground")[0]
+                level = phone.scan([t - self.t0], self.places(t)[number], "ground")[0]
                 heard = np.isfinite(level)
                 names = [name for name, ok in zip(radio.access_points, heard, strict=True) if ok]
                 made.append(
