@@ -86,8 +86,9 @@ class FramePublisher:
         good = np.isfinite(place).all(axis=1) & np.isfinite(matrices).all(axis=(1, 2))
         row, place, box, confidence, matrices = row[good], place[good], box[good], confidence[good], matrices[good]
         x, y = place[:, 0].tolist(), place[:, 1].tolist()
-        packed = list(map(tuple, matrices.reshape(-1, 4)[:, [0, 1, 3]].tolist()))
-        boxes, sure = list(map(tuple, box.tolist())), confidence.tolist()
+        packed = list(zip(*(matrices[:, i, j].tolist() for i, j in ((0, 0), (0, 1), (1, 1))), strict=True))
+        boxes = list(zip(*(box[:, side].tolist() for side in range(4)), strict=True))
+        sure = confidence.tolist()
         stops = np.searchsorted(row, np.arange(len(numbers) + 1)).tolist()
         return [
             DetectionFrame(
