@@ -41,7 +41,9 @@ class WalkingPeople:
         along = np.column_stack([np.cos(self._heading[:-1]), np.sin(self._heading[:-1])]) * step[:, None]
         self._position = np.array(start) + np.concatenate([np.zeros((1, 2)), np.cumsum(along, axis=0)])
 
-    def movement(self, times: NDArray[np.float64], persons: Sequence[int] | None = None) -> Movement:
+    def movement(
+        self, times: NDArray[np.float64], persons: Sequence[int] | NDArray[np.int64] | None = None
+    ) -> Movement:
         p = len(self.persons if persons is None else persons)
 
         def everybody(column: NDArray[np.float64]) -> NDArray[np.float64]:

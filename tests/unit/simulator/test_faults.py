@@ -37,6 +37,10 @@ def batches(person: str = "ann", count: int = 60) -> list[PhoneBatch]:
     ]
 
 
+def when(found: Sequence[PhoneBatch]) -> list[tuple[float, int]]:
+    return sorted((batch.arrival, batch.seq) for batch in found)
+
+
 def seen(*faults: dict[str, object], camera: str = "c1", seed: int = 1) -> list[tuple[float, DetectionFrame]]:
     return CameraFaults(FAULTS.validate_python(list(faults)), seed).arrivals(camera, frames(camera=camera))
 
@@ -160,9 +164,8 @@ def test_a_world_is_the_same_however_it_is_cut_into_blocks() -> None:
     whole = PhoneFaults(faults, 3, PEOPLE).arrivals(batches())
     cut = PhoneFaults(faults, 3, PEOPLE)
     parts = [batch for k in range(0, 60, 5) for batch in cut.arrivals(batches()[k : k + 5])]
-    key = lambda batch: (batch.arrival, batch.seq)  # noqa: E731
-    assert sorted(map(key, parts)) == sorted(map(key, whole))
-    assert [key(b) for b in PhoneFaults(faults, 4, PEOPLE).arrivals(batches())] != [key(b) for b in whole]
+    other = PhoneFaults(faults, 4, PEOPLE).arrivals(batches())
+    assert when(parts) == when(whole) != when(other)
 
 
 def test_one_more_fault_changes_nothing_about_the_others() -> None:
