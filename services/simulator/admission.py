@@ -56,15 +56,20 @@ class Admission:
         Args:
             t: seconds.
             away: (p,) who is outside.
-            missing: how many people there are too few inside; a group comes when half of it is missing.
+            missing: how many people there are too few inside; a group comes when half of it is missing, a carrier
+                as soon as there is room.
             most: how many may come in.
         """
         ready = np.flatnonzero(away & (self._back <= t))
+        carriers = ready[ready < self._parameters.carriers]
         size = min(self._size, len(ready))
-        if size < 1 or size > most or missing < (size + 1) // 2:
+        if len(carriers):
+            size = min(size, max(missing, 1), most)
+        elif size > most or missing < (size + 1) // 2:
+            return []
+        if size < 1:
             return []
         self._size = min(self.group_size(), self._parameters.present[1])
-        carriers = ready[ready < self._parameters.carriers]
         others = ready[ready >= self._parameters.carriers]
         chosen = [*carriers[:1].tolist(), *self.rng.permutation(others).tolist()][:size]
         self.rng.shuffle(chosen)

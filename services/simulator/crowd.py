@@ -287,7 +287,8 @@ class Crowd:
         """Go one's own way from now on."""
         self._walking.pace.cruise[person] = self._cruise[person]
         for other in [person, *self._companions.leave(person)]:
-            if self._walking.doing[other] == STANDING and math.isinf(self._wake[other]):
+            stands = self._walking.doing[other] == STANDING or self._walking.shuffles(other)
+            if stands and math.isinf(self._wake[other]):
                 self._wake[other] = self._now + self._minds[other].rng.uniform(0.5, 6.0)
 
     # Coming and going
@@ -322,8 +323,7 @@ class Crowd:
         self._gone[person] = False
         self._waiting.pop(person, None)
         if door.door.leads_to is None:
-            for other in self._companions.leave(person):
-                self._wake[other] = min(self._wake[other], self._now + 2.0)
+            self._part(person)
             self._admission.left(person, self._now)
             return
         there, other_door = self._doors[door.door.leads_to]
@@ -350,18 +350,19 @@ class Crowd:
                 self._decide(person)
             elif t - since > _PATIENCE:
                 self._queue.remove(entry)
-                self._companions.leave(person)
+                self._part(person)
         there = walking.doing != AWAY
         dues = np.array([mind.due for mind in self._minds])
         leaving = self._gone | ((dues <= t) & (not self._passers))
         staying = int((there & ~leaving).sum()) + len(self._queue)
         wanted = self._admission.wanted(_CALLS * STEP)
-        if staying < wanted:
-            away = ~there
-            away[[one for one, *_ in self._queue]] = False
-            outside = int((there & ~walking.present & ~self._gone).sum()) + len(self._queue)
-            most = self._parameters.present[1] - int(walking.present.sum()) - outside
-            self._call(self._admission.next(t, away, wanted - staying, most))
+        away = ~there
+        away[[one for one, *_ in self._queue]] = False
+        outside = int((there & ~walking.present & ~self._gone).sum()) + len(self._queue)
+        most = self._parameters.present[1] - int(walking.present.sum()) - outside
+        called = self._admission.next(t, away, wanted - staying, most)
+        if called:
+            self._call(called)
         elif staying > wanted and not self._passers:
             candidates = np.flatnonzero(there & ~leaving & walking.present)
             candidates = candidates[candidates >= self._parameters.carriers]
@@ -393,16 +394,26 @@ class Crowd:
             size = min(self._admission.group_size(), len(persons))
             members, persons = persons[:size], persons[size:]
             floor = int(rng.choice(len(areas), p=areas / areas.sum()))
-            self._together([person for person in members if self._begin(person, floor)])
+            placed: list[int] = []
+            for person in members:
+                near = self._walking.here[placed[0]] if placed else None
+                if self._begin(person, floor, near):
+                    placed.append(person)
+            self._together(placed)
         found, low = int(self._walking.present.sum()), self._parameters.present[0]
         if found < low:
             raise ValueError(f"present: there is room for {found} people on these floors, {low} are wanted")
 
-    def _begin(self, person: int, floor: int) -> bool:
-        """Let somebody be inside from the first moment, if there is room."""
-        mind = self._minds[person]
-        for _ in range(50):
-            spot = self._spaces[floor].random_place(mind.rng)
+    def _begin(self, person: int, floor: int, near: Array | None) -> bool:
+        """Let somebody be inside from the first moment, if there is room; companions ``near`` each other."""
+        mind, space = self._minds[person], self._spaces[floor]
+        for attempt in range(80):
+            if near is not None and attempt < 30:
+                spot = near + mind.rng.uniform(-1.5, 1.5, 2)
+                if not (space.is_clear(spot) and space.plan.contains(spot[None])[0]):
+                    continue
+            else:
+                spot = space.random_place(mind.rng)
             if self._walking.put(person, floor, spot, mind.rng.uniform(-math.pi, math.pi)):
                 self._agendas[floor].arrive(mind, self._now, "")
                 mind.due = self._now + mind.rng.uniform(0.0, self._parameters.visit[1])

@@ -17,7 +17,7 @@ __all__ = ["Pace"]
 Array = NDArray[np.float64]
 
 _MOOD_SECONDS = 7.0
-_MOOD = 0.12  # standard deviation of the mood's factor
+_MOOD = {"visitors": 0.12, "workers": 0.12, "passers": 0.08}  # standard deviation of the mood's factor
 _UNEQUAL = 0.05  # standard deviation of one step's speed, visitors and passers
 _STEP_LENGTH = (0.3, 0.8)  # metres, workers
 _STEP_SECONDS = (0.45, 0.75)  # workers
@@ -40,7 +40,8 @@ class Pace:
         self._irregular = behaviour == "workers"
         self._hazard = _PAUSES[behaviour]
         self._rng = generator(seed, "crowd", "pace")
-        self._mood = self._rng.normal(0.0, _MOOD, len(cruise))
+        self._spread = _MOOD[behaviour]
+        self._mood = self._rng.normal(0.0, self._spread, len(cruise))
         self._left = np.zeros(len(cruise))  # seconds of the present step
         self._step = np.ones(len(cruise))
         self._pause = np.zeros(len(cruise))
@@ -50,7 +51,7 @@ class Pace:
         count = len(self.cruise)
         keep = np.exp(-dt / _MOOD_SECONDS)
         noise, chance, stop, first, second = self._rng.normal(size=count), *self._rng.random((4, count))
-        self._mood = keep * self._mood + np.sqrt(1.0 - keep**2) * _MOOD * noise
+        self._mood = keep * self._mood + np.sqrt(1.0 - keep**2) * self._spread * noise
         self._left -= dt
         new = self._left <= 0.0
         if self._irregular:

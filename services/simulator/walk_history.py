@@ -53,10 +53,10 @@ class WalkHistory:
         before = np.floor(place + 1e-9).astype(int)
         share = np.clip(place - before, 0.0, 1.0)
         size = len(self._rows)
-        columns = slice(None) if persons is None else persons
-        corner = (np.maximum(before[:, None] + np.arange(-1, 3), 0)) % size
-        rows, floors = self._rows[corner][:, :, columns], self._floor[corner][:, :, columns]
-        presence = self._present[corner][:, :, columns]
+        columns = np.arange(self._rows.shape[1]) if persons is None else persons
+        corner = (np.maximum(before[:, None] + np.arange(-1, 3), 0) % size)[..., None]
+        rows, floors = self._rows[corner, columns], self._floor[corner, columns]
+        presence = self._present[corner, columns]
         nearest = np.where(share < 0.5, 1, 2)
         every = np.arange(len(place))
         floor, present = floors[every, nearest].copy(), presence[every, nearest].copy()

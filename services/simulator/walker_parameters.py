@@ -27,7 +27,7 @@ def _ordered_counts(pair: tuple[int, int]) -> tuple[int, int]:
     return pair
 
 
-_Count = Annotated[int, Field(ge=0, le=5000)]
+_Count = Annotated[int, Field(ge=0, le=2000)]
 
 
 class Door(Part):
@@ -47,12 +47,12 @@ class WalkerParameters(Part):
     behaviour: Behaviour = Field(
         "visitors", description="Look at exhibits, work at stations, or cross to another door."
     )
-    pool: int = Field(20, ge=1, le=5000, description="How many different people there are: person-1, person-2, …")
+    pool: int = Field(20, ge=1, le=2000, description="How many different people there are: person-1, person-2, …")
     present: Annotated[tuple[_Count, _Count], AfterValidator(_ordered_counts)] = Field(
         (8, 12), description="How many are inside at a time, all floors together; the number wanders in between."
     )
     carriers: int = Field(
-        0, ge=0, le=5000, description="The first so many of the pool are inside most of the time (they carry phones)."
+        0, ge=0, le=2000, description="The first so many of the pool are inside most of the time (they carry phones)."
     )
     speed: Annotated[tuple[Number, Number], AfterValidator(_ordered)] = Field(
         (0.5, 1.3), description="A person's usual speed, m/s: normal about the middle, cut off at the ends."

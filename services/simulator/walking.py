@@ -186,7 +186,7 @@ class Walking:
             together = [person for person in members if walking[person] and math.isinf(self._slow[person])]
             if len(together) > 1:
                 behind = left[together] + self._rest[together]
-                wished[together] *= np.clip(1.0 + 0.45 * (behind - behind.mean()), 0.45, 1.35)
+                wished[together] *= np.clip(1.0 + 0.3 * (behind - behind.mean()), 0.6, 1.25)
         self._wished = np.minimum(wished, self._wished + _ACCELERATION * STEP)
         for floor, traffic in enumerate(self._traffic):
             persons = self._about(floor).tolist()

@@ -67,13 +67,13 @@ def hall() -> FloorPlan:
 
 @pytest.fixture(scope="module", params=["museum", "works", "hall"])
 def walk(request: pytest.FixtureRequest) -> Walk:
-    """Ten minutes of three places."""
+    """Seven minutes of three places."""
     plan, parameters = {
         "museum": (MUSEUM, VISITORS),
         "works": (SITE, WORKERS),
         "hall": (hall(), WalkerParameters(pool=10, present=(5, 8), carriers=3)),
     }[request.param]
-    return Walk(plan, parameters, walked(Crowd({"f": plan}, parameters, seed=4), 600.0))
+    return Walk(plan, parameters, walked(Crowd({"f": plan}, parameters, seed=4), 420.0))
 
 
 def velocities(moved: Movement, step: float = STEP) -> np.ndarray:
@@ -145,7 +145,7 @@ def test_standing_people_shift_their_weight_and_look_round(walk: Walk) -> None:
 
 
 def test_nobody_gets_stuck(walk: Walk) -> None:
-    """Whoever is inside for ten minutes has walked; nobody stands before one place longer than a long dwell."""
+    """Whoever is inside for seven minutes has walked; nobody stands before one place longer than a long dwell."""
     moved, present = walk.moved, walk.moved.present
     for person in np.flatnonzero(present.mean(axis=0) > 0.9):
         length = np.nanmax(moved.walked[:, person]) - np.nanmin(moved.walked[:, person])
@@ -154,7 +154,7 @@ def test_nobody_gets_stuck(walk: Walk) -> None:
 
 @pytest.fixture(scope="module")
 def museum() -> Walk:
-    return Walk(MUSEUM, VISITORS, walked(Crowd({"f": MUSEUM}, VISITORS, seed=11), 600.0))
+    return Walk(MUSEUM, VISITORS, walked(Crowd({"f": MUSEUM}, VISITORS, seed=11), 400.0))
 
 
 def test_visitors_look_at_every_exhibit_and_cross_the_middle(museum: Walk) -> None:
@@ -208,7 +208,7 @@ def test_groups_come_together_stay_together_and_part() -> None:
     strangers: list[float] = []
     formed: dict[tuple[int, int], float] = {}
     parted = []
-    for t in np.arange(0.0, 600.0, 0.5):
+    for t in np.arange(0.0, 400.0, 0.5):
         now, groups = people.movement(np.array([t])), people.groups()
         companions = {(a, b) for group in groups for a in group for b in group if a < b}
         inside = np.flatnonzero(now.present[0]).tolist()
@@ -245,7 +245,7 @@ def test_people_change_floors_by_stairs_only_and_take_their_time(behaviour: str)
     )
     people = Crowd(TWO_FLOORS, parameters, seed=2)
     assert people.floors == ("low", "high")
-    moved = walked(people, 600.0)
+    moved = walked(people, 450.0)
     changes = np.argwhere((moved.floor[1:] != moved.floor[:-1]) & (moved.floor[1:] >= 0) & (moved.floor[:-1] >= 0))
     assert len(changes) >= 4
     for k, person in changes:
@@ -363,7 +363,7 @@ def test_a_phone_s_rate_shows_no_steps_of_the_simulation() -> None:
 def test_passers_walk_as_fast_as_real_pedestrians(data_folder: Path) -> None:
     recorded = Trajectories.from_eth(data_folder / "eth-walking" / "seq_eth" / "obsmat.txt", "f")
     real = walking_speeds(recorded, 0.0, recorded.end)
-    parameters = WalkerParameters(behaviour="passers", pool=60, present=(4, 14), speed=(1.0, 2.2))
+    parameters = WalkerParameters(behaviour="passers", pool=60, present=(4, 14), speed=(1.05, 2.25))
     square = FloorPlan.build(box(-7.5, -3.3, 21.5, 16.5))
     simulated = walking_speeds(Crowd({"f": square}, parameters, seed=7), 0.0, 300.0)
     assert simulated.people > 40
