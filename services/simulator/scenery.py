@@ -264,7 +264,7 @@ def _exhibit(canvas: Image, mask: Image, camera: CameraGeometry, ring: Array, nu
         _prism(canvas, mask, camera, ring, 0.0, 0.75, plinth)
         for fx, fy, size, tall in ((-0.32, 0.1, 0.16, 0.35), (0.0, -0.1, 0.2, 0.55), (0.33, 0.12, 0.14, 0.25)):
             spot = middle + np.array([fx, fy]) * np.ptp(ring, axis=0)
-            square = spot + size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+            square = spot + min(size, 0.35 * reach) * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
             _prism(canvas, mask, camera, square, 0.75, 0.75 + tall, accent)
         return
     if shape == 3:  # a cabinet
