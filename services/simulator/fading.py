@@ -64,7 +64,13 @@ class FadingLaw:
 
 
 FITTED = FadingLaw(
-    fade_at=0.334, fade_delay=0.223, fade_width=0.041, residue=0.2, fidget_time=16.4, ghost_at=0.675, ghost_width=0.048
+    fade_at=0.335,
+    fade_delay=0.2122,
+    fade_width=0.0412,
+    residue=0.2232,
+    fidget_time=15.8865,
+    ghost_at=0.6756,
+    ghost_width=0.0485,
 )
 """From benchmarks/results/fading-fit.json: MOG2 with a background ratio of 0.6, learning 0.003 to 0.3 per second."""
 
