@@ -152,8 +152,8 @@ EXPERIMENT = Experiment(
 same model stood, on another day, at 40 reference points some 1.5 m apart: ten scans at each, half of them facing each
 way along the corridor, a quarter each of four ways in the open space. `wifi_*`: discretised naive Bayes (bins of 4
 dB, a missed access point counts as -100 dBm) of each single scan of who walks, against the truth at the time of the
-scan; no filter, no steps. `static_rmse_N`: the phone stands at the points, two hours after a survey of N scans each
-that were drawn from 70 (mean of ten draws; bins as the study found best). The noise of the scenario was chosen so
+scan; no filter, no steps. `static_rmse_N`: the phone stands at the points on a later visit, hours after a survey of N
+scans each, drawn from 70 (mean of ten draws; bins as the study found best). The noise of the scenario was chosen so
 that `wifi_rmse` lands near the study's on the train seed and two more; this is the test seed.""",
     studies={
         "wifi_rmse": Study(STUDY_WALKING, "[self-calibrating-rss-thesis §8.5 E6.1]"),
