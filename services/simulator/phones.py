@@ -8,6 +8,8 @@ enrols anew. The protocol is that of ``docs/phone-app.md``, written by hand as a
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import ssl
 import threading
 import time
 from collections import deque
@@ -127,10 +129,14 @@ class Phones:
             self._loop.close()
 
     async def _live(self) -> None:
-        limits = httpx.Limits(max_connections=max(10, len(self._lines)))
-        # Proxies of the environment are for the world outside, not for a gateway in the house.
-        async with httpx.AsyncClient(base_url=self._url, timeout=_TIMEOUT, limits=limits, trust_env=False) as client:
-            tasks = [asyncio.create_task(self._run(line, client)) for line in self._lines.values()]
+        trusted = ssl.create_default_context()
+        async with contextlib.AsyncExitStack() as clients:
+            tasks = []
+            for line in self._lines.values():
+                # Each phone has a connection of its own: a pool looks at all it has before every request.
+                # Proxies of the environment are for the world outside, not for a gateway in the house.
+                client = httpx.AsyncClient(base_url=self._url, timeout=_TIMEOUT, verify=trusted, trust_env=False)
+                tasks.append(asyncio.create_task(self._run(line, await clients.enter_async_context(client))))
             while not self._stopping.is_set():
                 for task in tasks:
                     if task.done():
