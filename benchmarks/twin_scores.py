@@ -59,7 +59,7 @@ def score_twin(
     records = record_world(described, site, seed, seconds=seconds, motion=fusion)
     scores = TwinScores()
     for area, record in records.items():
-        survey = survey_world(described, site, area, seed)
+        survey = survey_world(described, site, area, seed, within=record.view)
         errors = dict(baseline_window_errors(record, survey))
         if fusion:
             chosen = with_access_points(record, used_access_points(record, access_points))

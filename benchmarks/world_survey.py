@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from benchmarks.baselines.survey import Survey
 from services.simulator.radio_world import RadioWorld
@@ -14,13 +15,23 @@ from shared.site import Site
 
 __all__ = ["survey_world"]
 
+Array = NDArray[np.float64]
+
 ANOTHER_DAY = 100_000.0
 """Seconds: what drifts has long forgotten how it was."""
 HEADINGS = 4
 
 
 def survey_world(
-    scenario: Scenario, site: Site, area: str, seed: int, *, spacing: float = 1.0, samples: int = 20, every: float = 0.5
+    scenario: Scenario,
+    site: Site,
+    area: str,
+    seed: int,
+    *,
+    within: Array | None = None,
+    spacing: float = 1.0,
+    samples: int = 20,
+    every: float = 0.5,
 ) -> Survey:
     """Return a survey of the same radio world before anything of the run changed it.
 
@@ -32,6 +43,7 @@ def survey_world(
         site: where.
         area: whose floor.
         seed: of the world.
+        within: corners (c, 2) of what is surveyed, half a metre more on each side; None: the whole floor.
         spacing: metres between points.
         samples: scans at each point.
         every: seconds between scans.
@@ -42,7 +54,8 @@ def survey_world(
     west, south, east, north = plan.outline.bounds
     x, y = np.meshgrid(np.arange(west + 0.5 * spacing, east, spacing), np.arange(south + 0.5 * spacing, north, spacing))
     points = np.column_stack([x.ravel(), y.ravel()])
-    points = points[plan.walkable(points) & shapely.contains_xy(plan.outline, points[:, 0], points[:, 1])]
+    wanted = plan.outline if within is None else shapely.Polygon(within).buffer(0.5)
+    points = points[plan.walkable(points) & shapely.contains_xy(wanted, points[:, 0], points[:, 1])]
     count = len(points) * samples
     facing = 2.0 * math.pi / HEADINGS * np.floor(HEADINGS * (np.arange(count) % samples) / samples)
     readings = radio.phone("surveyor").scan(
