@@ -1,14 +1,20 @@
-"""A world that happens now: its blocks are made ahead by one thread, its arrivals handed out when their time comes."""
+"""A world that happens now: its blocks are made ahead by one thread, its arrivals handed out when their time comes.
+
+Where the machine makes the world more slowly than it happens, the world stands still until the next block is there:
+everything after is later by as much, and no less true. A world that is tied to a real camera's clip cannot wait; what
+is too late of it is left out.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import heapq
 import itertools
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
-import structlog
+import msgspec
 
 from services.simulator.people import BLOCK
 from services.simulator.phone_batch import PhoneBatch
@@ -16,83 +22,129 @@ from services.simulator.world import Arrival, World, WorldBlock, truth_messages
 from shared.messages import DetectionFrame
 from shared.truth import GroundTruth
 
-__all__ = ["play"]
+__all__ = ["Happening", "LiveWorld"]
 
-log = structlog.get_logger(__name__)
+Happening = DetectionFrame | PhoneBatch | GroundTruth
 
 JUST_NOW = 2.0
-"""Seconds: what happened so shortly before the play began is told late rather than not at all."""
+"""Seconds: what happened so shortly ago is told late rather than not at all."""
 AHEAD = 2.0 * BLOCK
 """Seconds of world that exist before they happen."""
+WELL_AGAIN = 6
+"""Blocks in a row made in time, after which the world is said to keep up."""
+SLOW = "the world is made more slowly than it happens: it stands still now and then (this machine is too busy)"
+SLOW_CLIP = "the world is made more slowly than its clip is played: parts are left out (this machine is too busy)"
 
 
-def play(
-    world: World, epoch: float, stopping: threading.Event
-) -> Iterator[Arrival[DetectionFrame | PhoneBatch | GroundTruth]]:
-    """Yield what happens in ``world`` at the moment it happens, until ``stopping``.
-
-    What happened long before now is skipped: a clip that runs already is joined in its middle.
+class LiveWorld:
+    """A world and the clock it follows.
 
     Args:
         world: not made yet.
         epoch: true time of the world's second zero.
-        stopping: ends the play within a tenth of a second.
+        tied: whether the epoch is a real camera's, so that the world may not wait.
+        report: called with a reason in plain words when the machine is too slow, and with None when it keeps up.
+
+    Attributes:
+        delay: seconds the world has stood still so far.
     """
-    waiting = _Waiting(world, epoch, stopping)
-    maker = threading.Thread(target=waiting.make, name="world", daemon=True)
-    maker.start()
-    begun = time.time() - epoch - JUST_NOW
-    try:
-        while not stopping.is_set():
-            arrival = waiting.due(time.time() - epoch)
-            if arrival is None:
-                stopping.wait(0.01)
-            elif arrival.t >= begun:
-                yield arrival
-    finally:
-        waiting.ended.set()
-        maker.join(timeout=2.0)
 
-
-class _Waiting:
-    """What has been made and not happened yet."""
-
-    def __init__(self, world: World, epoch: float, stopping: threading.Event) -> None:
-        self._world = world
+    def __init__(
+        self, world: World, epoch: float, *, tied: bool = False, report: Callable[[str | None], None] = lambda _: None
+    ) -> None:
+        self.world = world
+        self.delay = 0.0
         self._epoch = epoch
-        self._stopping = stopping
-        self._heap: list[tuple[float, int, DetectionFrame | PhoneBatch | GroundTruth]] = []
+        self._tied = tied
+        self._report = report
+        self._begun = False
+        self._in_time = 0
+        self._heap: list[tuple[float, int, Happening]] = []
         self._order = itertools.count()
         self._lock = threading.Lock()
-        self.ended = threading.Event()
 
-    def make(self) -> None:
+    def now(self) -> float:
+        """Return seconds since the epoch."""
+        return time.time() - self._epoch
+
+    def play(self, stopping: threading.Event) -> Iterator[Arrival[Happening]]:
+        """Yield what happens at the moment it happens, until ``stopping``, which ends it within a tenth of a second.
+
+        All times, within messages too, are seconds since the epoch: world time and as long as the world stood still.
+        """
+        ended = threading.Event()
+        maker = threading.Thread(target=self._make, args=(stopping, ended), name="world", daemon=True)
+        maker.start()
+        try:
+            while not stopping.is_set():
+                arrival = self._due()
+                if arrival is None:
+                    stopping.wait(0.01)
+                # A clip that runs already is joined in its middle.
+                elif not self._tied or arrival.t >= self.now() - JUST_NOW:
+                    yield arrival
+        finally:
+            ended.set()
+            maker.join(timeout=2.0)
+
+    def _make(self, stopping: threading.Event, ended: threading.Event) -> None:
         """Make block after block, ahead of the clock, until the play has ended."""
-        late = False
-        while not (self._stopping.is_set() or self.ended.is_set()):
-            now = time.time() - self._epoch
-            if self._world.made > now + AHEAD:
-                self.ended.wait(0.1)
+        while not (stopping.is_set() or ended.is_set()):
+            # Where nobody takes what has happened, no more is made: it would only wait.
+            if self.world.made + self.delay > self.now() + AHEAD or self._overdue() > BLOCK:
+                ended.wait(0.1)
                 continue
-            self._take(self._world.next_block())
-            behind = time.time() - self._epoch - self._world.made
-            if behind > 0.0 and not late and self._world.made > now:
-                log.warning("the world is made more slowly than it happens", behind_s=round(behind, 1))
-                late = True
+            block = self.world.next_block()
+            self._keep_pace(block)
+            happenings: list[tuple[float, Happening]] = [*block.frames]
+            happenings += [(batch.arrival, batch) for batch in block.batches]
+            happenings += [(truth.t, truth) for truth in truth_messages(self.world, block)]
+            with self._lock:
+                for t, message in happenings:
+                    heapq.heappush(self._heap, (t + self.delay, next(self._order), _put_off(message, self.delay)))
 
-    def _take(self, block: WorldBlock) -> None:
-        with self._lock:
-            for t, frame in block.frames:
-                heapq.heappush(self._heap, (t, next(self._order), frame))
-            for batch in block.batches:
-                heapq.heappush(self._heap, (batch.arrival, next(self._order), batch))
-            for truth in truth_messages(self._world, block):
-                heapq.heappush(self._heap, (truth.t, next(self._order), truth))
+    def _keep_pace(self, block: WorldBlock) -> None:
+        """Let the world stand still until a block that was made too late can begin; tell when that is no start-up."""
+        late = self.now() - block.start - self.delay
+        if late > (JUST_NOW if self._tied else 0.0):
+            self._in_time = 0
+            if self._begun:
+                self._report(SLOW_CLIP if self._tied else SLOW)
+        else:
+            self._begun = True
+            self._in_time += 1
+            if self._in_time >= WELL_AGAIN:
+                self._report(None)
+        if late > 0.0 and not self._tied:
+            self._begun = True
+            self.delay += late
 
-    def due(self, now: float) -> Arrival[DetectionFrame | PhoneBatch | GroundTruth] | None:
-        """Return the earliest that has happened by ``now``; None while there is none."""
+    def _overdue(self) -> float:
         with self._lock:
-            if not self._heap or self._heap[0][0] > now:
+            return self.now() - self._heap[0][0] if self._heap else 0.0
+
+    def _due(self) -> Arrival[Happening] | None:
+        """Return the earliest that has happened by now; None while there is none."""
+        with self._lock:
+            if not self._heap or self._heap[0][0] > self.now():
                 return None
             t, _, message = heapq.heappop(self._heap)
         return Arrival(t, message)
+
+
+def _put_off(message: Happening, by: float) -> Happening:
+    """Return what happened as if it had happened ``by`` seconds later."""
+    if by == 0.0:
+        return message
+    if not isinstance(message, PhoneBatch):
+        return msgspec.structs.replace(message, t=message.t + by)
+    inertial = message.inertial
+    return dataclasses.replace(
+        message,
+        measured_until=message.measured_until + by,
+        sent=message.sent + by,
+        arrival=message.arrival + by,
+        inertial=None if inertial is None else dataclasses.replace(inertial, t=inertial.t + by),
+        scans=tuple(dataclasses.replace(scan, t=scan.t + by) for scan in message.scans),
+        step_t=message.step_t + by,
+    )

@@ -18,17 +18,17 @@ import msgspec
 import structlog
 from prometheus_client import Counter, Histogram
 
-from services.simulator.live_world import play
+from services.simulator.live_world import LiveWorld
 from services.simulator.people import People, snapshot
 from services.simulator.phones import Phones
 from services.simulator.rendering import HallRenderer
 from services.simulator.scenario_file import RecordedPeople, RenderedView, Scenario
 from services.simulator.scenario_loading import ScenarioError, load_scenario
 from services.simulator.settings import SimulatorSettings
+from services.simulator.twin_camera import TwinCamera
 from services.simulator.video_light import VideoParameters
 from services.simulator.video_server import FrameFeed, video_app
 from services.simulator.world import World, cameras_of
-from shared.bus import Publisher
 from shared.http_server import serve
 from shared.messages import CameraStatus, DetectionFrame
 from shared.runner import Service
@@ -89,7 +89,7 @@ class Simulator(Service[SimulatorSettings]):
             phones.stop()
 
     def _live(self, world: World, phones: Phones) -> None:
-        epoch = time.time()
+        live = LiveWorld(world, epoch := time.time(), report=self._report_world)
         feeds = {
             camera.id: (view.video, camera, FrameFeed())
             for view in world.scenario.views
@@ -97,10 +97,10 @@ class Simulator(Service[SimulatorSettings]):
             for camera in cameras_of(view.camera, world.site)
         }
         threads = [
-            threading.Thread(target=self._render, args=(*feed, world, epoch), name=f"render {name}", daemon=True)
+            threading.Thread(target=self._render, args=(*feed, live, epoch), name=f"render {name}", daemon=True)
             for name, feed in feeds.items()
         ]
-        threads.append(threading.Thread(target=self._play, args=(world, phones, epoch, self.stopping), name="play"))
+        threads.append(threading.Thread(target=self._play, args=(live, {}, phones, epoch, self.stopping), name="play"))
         for thread in threads:
             thread.start()
         self.health.ready.set()
@@ -122,6 +122,7 @@ class Simulator(Service[SimulatorSettings]):
         origin: float | None = None
         ended = threading.Event()
         player: threading.Thread | None = None
+        cameras: dict[str, TwinCamera] = {}
         self.health.degraded("clip", f"waiting for camera {camera} to tell when its clip began")
         while not self.stopping.is_set():
             for delivery in inbox.receive(timeout=0.5):
@@ -136,25 +137,27 @@ class Simulator(Service[SimulatorSettings]):
                     player.join(timeout=2.0)
                 ended = threading.Event()
                 world = World(scenario, site, self.settings.seed)
-                player = threading.Thread(target=self._play, args=(world, phones, origin, ended), name="play")
+                live = LiveWorld(world, origin, tied=True, report=self._report_world)
+                player = threading.Thread(target=self._play, args=(live, cameras, phones, origin, ended), name="play")
                 player.start()
         ended.set()
         if player is not None:
             player.join(timeout=2.0)
 
-    def _play(self, world: World, phones: Phones, epoch: float, ended: threading.Event) -> None:
+    def _play(
+        self, live: LiveWorld, cameras: dict[str, TwinCamera], phones: Phones, epoch: float, ended: threading.Event
+    ) -> None:
         """Publish and post what happens in the world, until ``ended``."""
         truth = self.bus.publisher(truth_key(self.keys), GroundTruth)
-        cameras: dict[str, Publisher[DetectionFrame]] = {}
         phones.follow(epoch)
-        for arrival in play(world, epoch, ended):
+        for arrival in live.play(ended):
             message = arrival.message
             match message:
                 case DetectionFrame():
-                    publisher = cameras.get(message.camera)
-                    if publisher is None:
-                        publisher = cameras[message.camera] = self._camera(message.camera, epoch)
-                    publisher.publish(msgspec.structs.replace(message, t=epoch + message.t))
+                    camera = cameras.get(message.camera)
+                    if camera is None:
+                        camera = cameras[message.camera] = TwinCamera(self.bus, self.keys, message.camera)
+                    camera.publish(msgspec.structs.replace(message, t=epoch + message.t), epoch)
                 case GroundTruth():
                     if self.settings.truth:
                         enrolled = [phones.devices.get(person) for person in message.person]
@@ -162,14 +165,9 @@ class Simulator(Service[SimulatorSettings]):
                 case _:
                     phones.post(message)
 
-    def _camera(self, camera: str, epoch: float) -> Publisher[DetectionFrame]:
-        """Return the publisher of a camera of which only detections are made; it tells that it lives, as others do."""
-        status = self.bus.publisher(self.keys.camera_status(camera), CameraStatus, cached=True)
-        status.publish(CameraStatus(t=time.time(), camera=camera, state="ok", origin=epoch))
-        return self.bus.publisher(self.keys.detections(camera), DetectionFrame, newest=True)
-
-    def _render(self, video: VideoParameters, camera: Camera, feed: FrameFeed, world: World, epoch: float) -> None:
+    def _render(self, video: VideoParameters, camera: Camera, feed: FrameFeed, live: LiveWorld, epoch: float) -> None:
         """Render a camera's frames on time for as long as somebody watches."""
+        world = live.world
         floor = world.site.floor(world.site.area(camera.area).floor)
         renderer = HallRenderer(
             floor, camera.geometry.build(), world.people.persons, world.seed, world.holds_phone, video
@@ -192,7 +190,7 @@ class Simulator(Service[SimulatorSettings]):
                 return
             t = number * period
             begun = time.perf_counter()
-            picture = renderer.frame(snapshot(people, t, floor.id), t, number)
+            picture = renderer.frame(snapshot(people, max(0.0, t - live.delay), floor.id), t, number)
             good, jpeg = cv2.imencode(".jpg", picture, _JPEG)
             RENDER_TIME.observe(time.perf_counter() - begun)
             if good:
@@ -205,10 +203,16 @@ class Simulator(Service[SimulatorSettings]):
             feed.close()
 
     def _report_gateway(self, reason: str | None) -> None:
+        self._tell("gateway", reason)
+
+    def _report_world(self, reason: str | None) -> None:
+        self._tell("world", reason)
+
+    def _tell(self, topic: str, reason: str | None) -> None:
         if reason is None:
-            self.health.well("gateway")
+            self.health.well(topic)
         else:
-            self.health.degraded("gateway", reason)
+            self.health.degraded(topic, reason)
 
 
 def _load(settings: SimulatorSettings) -> tuple[Scenario, Site]:
