@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from services.api.replies import AreaFreshness, CameraReport, HealthReport, ServicePresence
 
@@ -46,6 +46,7 @@ def health_report(
     cameras: list[CameraReport],
     expected: Sequence[str],
     stale_after: float,
+    unwatched: Collection[str] = (),
 ) -> HealthReport:
     """Return the report for one moment.
 
@@ -57,6 +58,7 @@ def health_report(
         cameras: how each camera is doing.
         expected: services whose absence is a problem.
         stale_after: seconds without tracks that are a problem.
+        unwatched: areas that have no camera.
     """
     problems = []
     if not connected:
@@ -73,7 +75,9 @@ def health_report(
         if connected and not presence.alive and presence.service in alive
     )
     for area in areas:
-        if area.age is None:
+        if area.area in unwatched:
+            problems.append(f"area {area.area} has no camera: nobody is tracked or located there")
+        elif area.age is None:
             problems.append(f"area {area.area}: no tracks have arrived yet")
         elif area.age > stale_after:
             problems.append(f"area {area.area}: no tracks for {area.age:.0f} s, positions are getting old")

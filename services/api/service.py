@@ -161,12 +161,14 @@ class ApiService(Service[ApiSettings]):
             log.warning("left out: older than what is known, or not in the site file", what=what)
 
     def _health_report(self, now: float) -> HealthReport:
+        expected = [name for name in self.settings.expected_services if name != "camera" or self.site.cameras]
         return health_report(
             now,
             connected=self._connected,
             services=self._presence.services(),
             areas=self._live.areas(now),
             cameras=self._live.cameras(now),
-            expected=self.settings.expected_services,
+            expected=expected,
             stale_after=self.settings.stale_after,
+            unwatched=[area.id for area in self.site.areas if not self.site.cameras_of(area.id)],
         )

@@ -100,6 +100,8 @@ class FusionService(Service[FusionSettings]):
         self._inbox.subscribe(self.keys.radio(), RadioScan)
         self._inbox.subscribe(self.keys.motion(), MotionBatch)
         self._inbox.subscribe(self.keys.erasure(), Erasure)
+        if not self._cameras:
+            self.health.degraded("cameras", f"area {self.area} has no camera: nobody is tracked or located there")
         self.health.ready.set()
         while not self.stopping.is_set():
             for delivery in self._inbox.receive(timeout=self.TURN):

@@ -133,3 +133,17 @@ def test_health_says_in_plain_words_what_is_wrong() -> None:
         "fusion b was running and is gone",
         "area hall: no tracks for 20 s, positions are getting old",
     ]
+
+
+def test_health_says_that_nobody_is_tracked_where_no_camera_hangs() -> None:
+    report = health_report(
+        100.0,
+        connected=True,
+        services=[],
+        areas=[AreaFreshness(area="corridors", t=None, age=None, people=0)],
+        cameras=[],
+        expected=[],
+        stale_after=3.0,
+        unwatched=["corridors"],
+    )
+    assert report.problems == ["area corridors has no camera: nobody is tracked or located there"]
