@@ -76,16 +76,16 @@ EXPERIMENT = Experiment(
     kind="twin",
     scenario="anchored",
     run=run,
-    made="""Whole runs of `construction-1`, `construction-2` and `museum` at the train seeds and two more seeds each (plus
-100, plus 200); errors of all carriers' minutes in view, both areas and all seeds together. `radio` is Horus
+    made="""Whole runs of `construction-1`, `construction-2` and `museum` at the train seeds and two more seeds
+each (plus 100, plus 200); errors of all carriers' minutes in view, both areas and all seeds together. `radio` is Horus
 with every access point and a survey of another day (a metre's grid, 20 scans a point, four ways); `vision` is
 RBMCDA on one frame a second, `cv` global nearest neighbour on every frame, both anonymous and matched to people
 minute by minute; `evloc` joins the `cv` tracks to phones minute by minute (mean error while both are in view).
 The bars are 20 % about the studies' figures; `least` and `most` are those of the single seeds. The scenarios
 were then frozen (`tests/unit/simulator/test_frozen_scenarios.py`).""",
     studies=STUDIES,
-    difference="""the studies' figures are of real sites; here people, cameras and radio are simulated, the carriers leave and
-enter the view more often, and the survey of the radio-only method is a day old. How anonymous tracks were
+    difference="""the studies' figures are of real sites; here people, cameras and radio are simulated, the carriers
+leave and enter the view more often, and the survey of the radio-only method is a day old. How anonymous tracks were
 matched to people is unpublished. `cv` has no counterpart: the study's vision-only method worked once a second.""",
     at_least={name: round((1.0 - WITHIN) * float(study.value), 3) for name, study in STUDIES.items()},
     at_most={name: round((1.0 + WITHIN) * float(study.value), 3) for name, study in STUDIES.items()},

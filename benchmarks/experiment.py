@@ -191,9 +191,8 @@ class Experiment:
 
     def bar(self, figure: str) -> str:
         """Return the bar of a figure as shown in tables; empty where it has none."""
-        if figure in self.at_least:
-            return f"≥ {self.at_least[figure]:g}"
-        return f"≤ {self.at_most[figure]:g}" if figure in self.at_most else ""
+        low = [f"≥ {self.at_least[figure]:g}"] if figure in self.at_least else []
+        return ", ".join(low + ([f"≤ {self.at_most[figure]:g}"] if figure in self.at_most else []))
 
     def _table(self, figures: Figures, world: str, bars: bool) -> Table:
         columns = ["figure", "measured"] + ["bar"] * bool(self.at_least or self.at_most) * bars
