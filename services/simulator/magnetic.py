@@ -81,7 +81,9 @@ class _Table:
         iron = shapely.union_all([plan.outline.exterior, plan.walls, plan.obstacles])
         distance = shapely.distance(iron, shapely.points(*np.meshgrid(x, y)))
         sigma = np.hypot(parameters.open_sigma, parameters.wall_sigma * np.exp(-distance / parameters.wall_reach))
-        self._values: Array = np.ascontiguousarray((field * sigma).transpose(1, 2, 0).reshape(-1, 3))
+        # Rounded, because the last bits of a product of matrices depend on the processor and its number of threads.
+        table = np.round(field * sigma, 6).transpose(1, 2, 0).reshape(-1, 3)
+        self._values: Array = np.ascontiguousarray(table)
 
     def at(self, points: Array) -> Array:
         place = (points - self._origin) / self._spacing
