@@ -44,19 +44,27 @@ class LiveWorld:
         epoch: true time of the world's second zero.
         tied: whether the epoch is a real camera's, so that the world may not wait.
         report: called with a reason in plain words when the machine is too slow, and with None when it keeps up.
+        clock: tells the true time.
 
     Attributes:
         delay: seconds the world has stood still so far.
     """
 
     def __init__(
-        self, world: World, epoch: float, *, tied: bool = False, report: Callable[[str | None], None] = lambda _: None
+        self,
+        world: World,
+        epoch: float,
+        *,
+        tied: bool = False,
+        report: Callable[[str | None], None] = lambda reason: None,
+        clock: Callable[[], float] = time.time,
     ) -> None:
         self.world = world
         self.delay = 0.0
         self._epoch = epoch
         self._tied = tied
         self._report = report
+        self._clock = clock
         self._begun = False
         self._in_time = 0
         self._heap: list[tuple[float, int, Happening]] = []
@@ -65,7 +73,7 @@ class LiveWorld:
 
     def now(self) -> float:
         """Return seconds since the epoch."""
-        return time.time() - self._epoch
+        return self._clock() - self._epoch
 
     def play(self, stopping: threading.Event) -> Iterator[Arrival[Happening]]:
         """Yield what happens at the moment it happens, until ``stopping``, which ends it within a tenth of a second.
@@ -77,31 +85,45 @@ class LiveWorld:
         maker.start()
         try:
             while not stopping.is_set():
-                arrival = self._due()
+                arrival = self.due()
                 if arrival is None:
                     stopping.wait(0.01)
-                # A clip that runs already is joined in its middle.
-                elif not self._tied or arrival.t >= self.now() - JUST_NOW:
+                else:
                     yield arrival
         finally:
             ended.set()
             maker.join(timeout=2.0)
 
+    def due(self) -> Arrival[Happening] | None:
+        """Return the earliest that has happened by now and was not returned yet; None while there is none."""
+        now = self.now()
+        with self._lock:
+            while self._heap and self._heap[0][0] <= now:
+                t, _, message = heapq.heappop(self._heap)
+                # A clip that runs already is joined in its middle.
+                if not self._tied or t >= now - JUST_NOW:
+                    return Arrival(t, message)
+        return None
+
+    def make_ahead(self) -> bool:
+        """Make the next block if it is time to; whether it was."""
+        # Where nobody takes what has happened, no more is made: it would only wait.
+        if self.world.made + self.delay > self.now() + AHEAD or self._overdue() > BLOCK:
+            return False
+        block = self.world.next_block()
+        self._keep_pace(block)
+        happenings: list[tuple[float, Happening]] = [*block.frames]
+        happenings += [(batch.arrival, batch) for batch in block.batches]
+        happenings += [(truth.t, truth) for truth in truth_messages(self.world, block)]
+        with self._lock:
+            for t, message in happenings:
+                heapq.heappush(self._heap, (t + self.delay, next(self._order), _put_off(message, self.delay)))
+        return True
+
     def _make(self, stopping: threading.Event, ended: threading.Event) -> None:
-        """Make block after block, ahead of the clock, until the play has ended."""
         while not (stopping.is_set() or ended.is_set()):
-            # Where nobody takes what has happened, no more is made: it would only wait.
-            if self.world.made + self.delay > self.now() + AHEAD or self._overdue() > BLOCK:
+            if not self.make_ahead():
                 ended.wait(0.1)
-                continue
-            block = self.world.next_block()
-            self._keep_pace(block)
-            happenings: list[tuple[float, Happening]] = [*block.frames]
-            happenings += [(batch.arrival, batch) for batch in block.batches]
-            happenings += [(truth.t, truth) for truth in truth_messages(self.world, block)]
-            with self._lock:
-                for t, message in happenings:
-                    heapq.heappush(self._heap, (t + self.delay, next(self._order), _put_off(message, self.delay)))
 
     def _keep_pace(self, block: WorldBlock) -> None:
         """Let the world stand still until a block that was made too late can begin; tell when that is no start-up."""
@@ -122,14 +144,6 @@ class LiveWorld:
     def _overdue(self) -> float:
         with self._lock:
             return self.now() - self._heap[0][0] if self._heap else 0.0
-
-    def _due(self) -> Arrival[Happening] | None:
-        """Return the earliest that has happened by now; None while there is none."""
-        with self._lock:
-            if not self._heap or self._heap[0][0] > self.now():
-                return None
-            t, _, message = heapq.heappop(self._heap)
-        return Arrival(t, message)
 
 
 def _put_off(message: Happening, by: float) -> Happening:
