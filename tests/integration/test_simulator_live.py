@@ -4,14 +4,13 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
 import httpx
 import numpy as np
 from conftest import unused_port
+from service_process import process
 from waiting import wait_until
 
 from shared.bus import Bus, Inbox
@@ -19,7 +18,6 @@ from shared.keys import Keys
 from shared.messages import CameraStatus, MotionBatch, RadioScan
 from shared.site import load_site
 from shared.truth import GroundTruth, truth_key
-
 
 FOLLOWING_A_CLIP = """
 format: atrium-scenario/1
@@ -29,37 +27,6 @@ seeds: {{train: 1, test: 2}}
 people: {{kind: recorded, file: {table}, camera: hall-east}}
 phones: [{{count: 1}}]
 """
-
-
-@contextmanager
-def process(module: str, folder: Path, endpoint: str, site: Path, **environment: str) -> Iterator[str]:
-    """Run one service until the block ends; yields the URL of its health pages. It must stop cleanly."""
-    health = unused_port()
-    settings = {
-        "ATRIUM_SITE_FILE": str(site),
-        "ATRIUM_PROFILE": "demo",
-        "ATRIUM_BUS": f'["{endpoint}"]',
-        "ATRIUM_HEALTH_PORT": str(health),
-        "ATRIUM_DATABASE_URL": f"sqlite:///{folder / 'atrium.db'}",
-        **environment,
-    }
-    with (folder / f"{module}.log").open("w") as output:
-        running = subprocess.Popen([sys.executable, "-m", module], env={**os.environ, **settings}, stderr=output)
-        try:
-            url = f"http://127.0.0.1:{health}"
-            wait_until(lambda: _ready(url) or running.poll() is not None, 30, f"{module} to become ready")
-            yield url
-        finally:
-            running.terminate()
-            status = running.wait(timeout=8)
-    assert status == 0, (folder / f"{module}.log").read_text()
-
-
-def _ready(url: str) -> bool:
-    try:
-        return httpx.get(url + "/readyz").status_code == 200
-    except httpx.TransportError:
-        return False
 
 
 def collect(inbox: Inbox, into: list[object]) -> list[object]:
