@@ -7,7 +7,7 @@ the bus's messages with times in world seconds, a phone's message is the body it
 from __future__ import annotations
 
 import gzip
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -17,7 +17,7 @@ import msgspec
 
 from services.simulator.phone_batch import PhoneBatch
 from services.simulator.posting import body_of
-from services.simulator.world import World, truth_messages
+from services.simulator.world import World, WorldBlock, truth_messages
 from shared.messages import DetectionFrame
 from shared.truth import GroundTruth
 
@@ -29,32 +29,43 @@ def write_world(world: World, seconds: float, out: Path | None, progress: Callab
 
     Args:
         world: not made yet.
-        seconds: how long.
+        seconds: how long; what arrives later is not counted.
         out: the file to write, compressed where its name ends in ``.gz``; None writes nothing.
         progress: called with the seconds made so far.
     """
     counts: Counter[str] = Counter()
+    truths: deque[GroundTruth] = deque()
+
+    def made(block: WorldBlock) -> None:
+        progress(min(block.end, seconds))
+        truths.extend(truth_messages(world, block))
+
     with _opened(out) as lines:
-        while world.made < seconds:
-            block = world.next_block()
-            progress(min(world.made, seconds))
-            entries: list[tuple[float, str, DetectionFrame | PhoneBatch | GroundTruth]] = []
-            for t, frame in block.frames:
-                counts["frames"] += 1
-                counts["detections"] += len(frame.x)
-                entries.append((t, "detections", frame))
-            for batch in block.batches:
-                counts["batches"] += 1
-                counts["inertial samples"] += 0 if batch.inertial is None else len(batch.inertial.t)
-                counts["radio scans"] += len(batch.scans)
-                counts["radio readings"] += sum(len(scan.rssi) for scan in batch.scans)
-                entries.append((batch.arrival, "phone", batch))
-            for truth in truth_messages(world, block):
-                counts["positions of people"] += len(truth.person)
-                entries.append((truth.t, "truth", truth))
+
+        def write(t: float, kind: str, message: DetectionFrame | PhoneBatch | GroundTruth) -> None:
             if lines is not None:
-                for entry in sorted(entries, key=lambda entry: entry[0]):
-                    lines.write(_line(*entry))
+                lines.write(_line(t, kind, message))
+
+        def write_truth(until: float) -> None:
+            while truths and truths[0].t < until:
+                truth = truths.popleft()
+                counts["positions of people"] += len(truth.person)
+                write(truth.t, "truth", truth)
+
+        for arrival in world.arrivals(seconds, made):
+            write_truth(arrival.t)
+            message = arrival.message
+            if isinstance(message, DetectionFrame):
+                counts["frames"] += 1
+                counts["detections"] += len(message.x)
+                write(arrival.t, "detections", message)
+            else:
+                counts["batches"] += 1
+                counts["inertial samples"] += 0 if message.inertial is None else len(message.inertial.t)
+                counts["radio scans"] += len(message.scans)
+                counts["radio readings"] += sum(len(scan.rssi) for scan in message.scans)
+                write(arrival.t, "phone", message)
+        write_truth(seconds)
     return counts
 
 
