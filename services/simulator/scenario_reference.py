@@ -21,8 +21,8 @@ __all__ = ["reference"]
 
 _HEAD = """# Every key of a scenario file
 
-Written from the models that check the file, by `python -m services.simulator.scenario_reference`; a test holds this page
-to them. [Scenarios](scenarios.md) is the guide; metres, seconds, dB and degrees unless a line says otherwise.
+Written from the models that check the file, by `python -m services.simulator.scenario_reference`; a test holds this
+page to them. [Scenarios](scenarios.md) is the guide; metres, seconds, dB and degrees unless a line says otherwise.
 """
 _MEANINGS = {
     "kind": "which one this is",
