@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import heapq
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from benchmarks.world_record import WorldRecord
 from services.fusion.area_view import AreaView
-from services.fusion.chunks import PERIOD
+from services.fusion.chunks import Chunker
 from services.fusion.registry import DEFAULT_TRACKER, make_tracker
 from services.fusion.tracker import Chunk
 from shared.messages import DetectionFrame, MotionBatch, RadioScan, TrackFrame
@@ -55,27 +54,17 @@ def run_fusion(
 
 
 def chunks_of(record: WorldRecord) -> Iterator[Chunk]:
-    """Yield the chunks in which frames lie; scans and motion reports enter with the first chunk that ends after them.
+    """Yield the chunks a live run would close, message by message in the order in which they reached the bus.
 
-    As in a live run with little delay; what phones send hours later does not enter at all.
+    So a frame or a scan that comes late is late, and what comes hours later is dropped, as in a live run.
     """
-    scans = list(heapq.merge(*record.scans.values(), key=lambda scan: scan.t))
-    motions = list(heapq.merge(*record.motions.values(), key=lambda motion: motion.t))
-    s = m = f = 0
-    frames = sorted(record.frames, key=lambda frame: (frame.t, frame.camera))
-    while f < len(frames):
-        index = int(frames[f].t // PERIOD)
-        end = (index + 1) * PERIOD
-        mine: list[DetectionFrame] = []
-        while f < len(frames) and frames[f].t < end:
-            mine.append(frames[f])
-            f += 1
-        heard: list[RadioScan] = []
-        while s < len(scans) and scans[s].t < end:
-            heard.append(scans[s])
-            s += 1
-        walked: list[MotionBatch] = []
-        while m < len(motions) and motions[m].t < end:
-            walked.append(motions[m])
-            m += 1
-        yield Chunk(index, index * PERIOD, end, frames=tuple(mine), scans=tuple(heard), motions=tuple(walked))
+    chunker = Chunker()
+    for _, message in record.arrivals:
+        match message:
+            case DetectionFrame():
+                for closed in chunker.add_frame(message, ""):
+                    yield closed.chunk
+            case RadioScan():
+                chunker.add_scan(message, "")
+            case MotionBatch():
+                chunker.add_motion(message, "")

@@ -74,6 +74,20 @@ class IdentityScore:
         """(k,) share of the carrier's time in view in which the track with the name is within the gate."""
         return _ratio(self.near, self.in_view)
 
+    @classmethod
+    def together(cls, scores: Sequence[IdentityScore]) -> IdentityScore:
+        """Return the scores of several runs or areas as one: their devices stand side by side, none is left out."""
+        starts = np.cumsum([0, *(len(score.device) for score in scores)])
+        columns = {
+            name: np.concatenate([getattr(score, name) for score in scores])
+            for name in ("named", "right", "in_view", "right_in_view", "near", "switches", "first", "settled")
+        }
+        return cls(
+            device=[device for score in scores for device in score.device],
+            stay=np.concatenate([score.stay + start for score, start in zip(scores, starts, strict=False)]),
+            **columns,
+        )
+
     def figures(self, prefix: str = "") -> dict[str, float | None]:
         """Return the figures of all devices together: shares are of all their times, times over all their stays."""
         median, p90 = (

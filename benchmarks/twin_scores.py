@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from benchmarks.baselines.figures import baseline_window_errors
 from benchmarks.fusion_run import run_fusion
-from benchmarks.identity_metrics import score_identity
+from benchmarks.identity_metrics import IdentityScore, score_identity
 from benchmarks.position_error import centre_of, error_cdf, percentiles, window_rmse
-from benchmarks.track_reading import named_positions
+from benchmarks.track_reading import named_positions, windows_of
 from benchmarks.world_record import Truth, WorldRecord
 from benchmarks.world_run import load, record_world, with_access_points
 from benchmarks.world_survey import survey_world
@@ -36,11 +36,13 @@ class TwinScores:
 
     Attributes:
         errors: (w,) metres per method, one per person and one-minute window.
-        identity: figures of the names on tracks, by area.
+        half: the same, of minutes at least half of which the person was in view.
+        identity: of the names on tracks; None where nobody named any.
     """
 
     errors: dict[str, Array] = field(default_factory=dict)
-    identity: list[Mapping[str, float | None]] = field(default_factory=list)
+    half: dict[str, Array] = field(default_factory=dict)
+    identity: IdentityScore | None = None
 
 
 def score_twin(
@@ -58,6 +60,7 @@ def score_twin(
     described, site = load(scenario)
     records = record_world(described, site, seed, seconds=seconds, motion=fusion)
     scores = TwinScores()
+    identities = []
     for area, record in records.items():
         survey = survey_world(described, site, area, seed, within=record.view)
         errors = dict(baseline_window_errors(record, survey))
@@ -66,10 +69,13 @@ def score_twin(
             tracks = run_fusion(chosen).frames
             estimate = named_positions(record.truth, tracks)
             errors[FUSION] = window_rmse(record.truth, estimate, centre_of(record.view)).rmse
-            scores.identity.append(score_identity(_each_second(record.truth), tracks).figures())
+            identities.append(score_identity(_each_second(record.truth), tracks))
+        half = _half_in_view(record.truth)
         for method, values in errors.items():
-            finite = values[np.isfinite(values)]
-            scores.errors[method] = np.concatenate([scores.errors.get(method, np.empty(0)), finite])
+            there = np.isfinite(values)
+            scores.errors[method] = np.append(scores.errors.get(method, np.empty(0)), values[there])
+            scores.half[method] = np.append(scores.half.get(method, np.empty(0)), values[there & half])
+    scores.identity = IdentityScore.together(identities) if identities else None
     return scores
 
 
@@ -80,15 +86,14 @@ def used_access_points(record: WorldRecord, count: int | None) -> list[str]:
 
 
 def figures_of(scores: TwinScores, prefix: str) -> dict[str, float | None]:
-    """Return ``PREFIX_p50_METHOD`` … and the identity figures, means over the areas."""
+    """Return ``PREFIX_p50_METHOD`` …, ``PREFIX_p90_METHOD_halfview`` and the identity figures of all areas together."""
     figures: dict[str, float | None] = {}
     for method, errors in scores.errors.items():
         for share, value in zip(("p50", "p70", "p90"), percentiles(errors), strict=True):
             figures[f"{prefix}_{share}_{method}"] = value
-    for name in ("id_precision", "id_recall", "located_within_1m", "id_switches", "seconds_to_identify"):
-        values = [value for area in scores.identity if (value := area.get(name)) is not None]
-        if values:
-            figures[f"{prefix}_{name}"] = float(np.sum(values) if name == "id_switches" else np.mean(values))
+        figures[f"{prefix}_p90_{method}_halfview"] = percentiles(scores.half[method])[2]
+    if scores.identity is not None:
+        figures.update(scores.identity.figures(f"{prefix}_"))
     return figures
 
 
@@ -107,6 +112,14 @@ def draw_cdfs(worlds: Mapping[str, TwinScores], picture: Path) -> None:
     picture.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture, dpi=110)
     plt.close(figure)
+
+
+def _half_in_view(truth: Truth, window: float = 60.0) -> NDArray[np.bool_]:
+    """Whether each carrier was in view for half of each window, (w, k)."""
+    number = windows_of(truth.t, window)
+    seen = np.stack([truth.in_view[number == this][:, truth.carriers()].mean(axis=0) for this in np.unique(number)])
+    half: NDArray[np.bool_] = seen >= 0.5
+    return half
 
 
 def _each_second(truth: Truth) -> Truth:

@@ -41,20 +41,23 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class WorldRecord:
-    """One area of one run, in the order of event time.
+    """One area of one run.
 
     Attributes:
         site: the site as its trackers know it (the world's own radio constants differ).
         area: id of the area whose cameras these are.
-        frames: what its cameras published.
-        scans: by device, radio scans with site ids of access points.
-        motions: by device, what the gateway made of the inertial samples.
+        arrivals: when (seconds since the epoch) each message reached the bus and what it said, in order of arrival:
+            frames of its cameras, scans and motion reports of all devices. What a live run would consume.
+        frames: what its cameras published, in order of measurement.
+        scans: by device, radio scans with site ids of access points, in order of measurement.
+        motions: by device, what the gateway made of the inertial samples, in order of measurement.
         truth: for scoring only.
         view: corners (c, 2) in metres of the floor the cameras see (convex hull).
     """
 
     site: Site
     area: str
+    arrivals: Sequence[tuple[float, DetectionFrame | RadioScan | MotionBatch]]
     frames: Sequence[DetectionFrame]
     scans: Mapping[str, Sequence[RadioScan]]
     motions: Mapping[str, Sequence[MotionBatch]]

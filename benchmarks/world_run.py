@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -68,9 +69,9 @@ def record_world(
     world = World(scenario, site, seed)
     until = math.ceil((scenario.duration if seconds is None else seconds) / BLOCK) * BLOCK
     phones = {carrier.person: _phone(carrier.device, carrier.fleet.carrying, site) for carrier in world.carriers}
-    frames: dict[str, list[DetectionFrame]] = defaultdict(list)
+    frames: dict[str, list[tuple[float, DetectionFrame]]] = defaultdict(list)
     area_of = {camera.id: camera.area for camera in site.cameras}
-    told: dict[str, list[RadioScan | MotionBatch]] = {carrier.device: [] for carrier in world.carriers}
+    told: list[tuple[float, RadioScan | MotionBatch]] = []
     replied: dict[str, PhoneBatch] = {}
     times: list[Array] = []
     places: list[Array] = []
@@ -86,10 +87,10 @@ def record_world(
             if body is None:
                 continue
             phone.take(body, EPOCH + arrival.t, LIMITS)
-            told[phone.device] += phone.outbox
+            told += [(EPOCH + arrival.t, said) for said in phone.outbox]
             phone.outbox.clear()
         else:
-            frames[area_of[message.camera]].append(_at_epoch(message))
+            frames[area_of[message.camera]].append((EPOCH + arrival.t, _at_epoch(message)))
         progress(world.made)
     t, position, floor = np.concatenate(times), np.concatenate(places), np.concatenate(floors)
     return {
@@ -107,8 +108,11 @@ def with_access_points(record: WorldRecord, wanted: Sequence[str]) -> WorldRecor
     site = record.site.model_copy(
         update={"access_points": [point for point in record.site.access_points if point.id in kept]}
     )
+    arrivals = [
+        (t, _of_points(message, kept) if isinstance(message, RadioScan) else message) for t, message in record.arrivals
+    ]
     scans = {device: [_of_points(scan, kept) for scan in scans] for device, scans in record.scans.items()}
-    return WorldRecord(site, record.area, record.frames, scans, record.motions, record.truth, record.view)
+    return WorldRecord(site, record.area, arrivals, record.frames, scans, record.motions, record.truth, record.view)
 
 
 def watched(camera: Camera, points: Array) -> NDArray[np.bool_]:
@@ -125,7 +129,7 @@ def watched(camera: Camera, points: Array) -> NDArray[np.bool_]:
 
 def _phone(device: str, carrying: str, site: Site) -> Phone:
     addresses = {address.lower(): point.id for point in site.access_points for address in point.addresses}
-    return Phone(device, addresses, site.north_radians, heading_known=carrying == "hand")
+    return Phone(device, addresses, site.north_radians, heading_known=carrying != "pocket")
 
 
 def _body(batch: PhoneBatch, before: PhoneBatch | None, motion: bool) -> Batch | None:
@@ -168,8 +172,8 @@ def _keep_truth(
 def _record(
     world: World,
     area: str,
-    frames: Sequence[DetectionFrame],
-    told: dict[str, list[RadioScan | MotionBatch]],
+    frames: Sequence[tuple[float, DetectionFrame]],
+    told: Sequence[tuple[float, RadioScan | MotionBatch]],
     t: Array,
     position: Array,
     here: NDArray[np.bool_],
@@ -188,16 +192,23 @@ def _record(
     return WorldRecord(
         site=site,
         area=area,
-        frames=frames,
-        scans={device: _of_kind(messages, RadioScan) for device, messages in told.items()},
-        motions={device: _of_kind(messages, MotionBatch) for device, messages in told.items()},
+        arrivals=list(heapq.merge(frames, told, key=lambda arrival: arrival[0])),
+        frames=sorted((frame for _, frame in frames), key=lambda frame: (frame.t, frame.camera)),
+        scans=_by_device(told, RadioScan, list(devices.values())),
+        motions=_by_device(told, MotionBatch, list(devices.values())),
         truth=Truth(t, world.people.persons, [devices.get(p) for p in world.people.persons], places, in_view),
         view=corners,
     )
 
 
-def _of_kind(messages: Sequence[RadioScan | MotionBatch], kind: type[P]) -> list[P]:
-    return sorted((message for message in messages if isinstance(message, kind)), key=lambda message: message.t)
+def _by_device(
+    told: Sequence[tuple[float, RadioScan | MotionBatch]], kind: type[P], devices: Sequence[str]
+) -> dict[str, list[P]]:
+    said: dict[str, list[P]] = {device: [] for device in devices}
+    for _, message in told:
+        if isinstance(message, kind):
+            said[message.device].append(message)
+    return {device: sorted(messages, key=lambda message: message.t) for device, messages in said.items()}
 
 
 def _of_points(scan: RadioScan, kept: set[str]) -> RadioScan:

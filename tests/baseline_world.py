@@ -133,7 +133,7 @@ class SmallWorld:
                 for i, (now, row) in enumerate(zip(when, self.readings(rng, places), strict=True))
             ]
         truth = Truth(t, [f"p{i}" for i in range(people)], devices, positions, np.ones(moving.shape, bool))
-        return WorldRecord(self.site, "yard", frames, scans, {}, truth, VIEW)
+        return WorldRecord(self.site, "yard", [], frames, scans, {}, truth, VIEW)
 
     def _scan(self, device: str, t: float, seq: int, row: Array) -> RadioScan:
         heard = np.flatnonzero(np.isfinite(row))

@@ -35,7 +35,7 @@ def record_of(t, people, devices, radio_of=None, sigma=0.0, seed=0):
         ]
     in_view = np.ones(people.shape[:2], bool)
     truth = Truth(t, [f"p{i}" for i in range(len(devices))], devices, people, in_view)
-    return WorldRecord(SITE, "yard", frames, scans, {}, truth, VIEW)
+    return WorldRecord(SITE, "yard", [], frames, scans, {}, truth, VIEW)
 
 
 def three_people(t):

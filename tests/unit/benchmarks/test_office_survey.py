@@ -106,5 +106,5 @@ def test_walking_errors_are_taken_at_the_time_of_the_scan_and_only_of_who_walks(
     readings = np.stack([np.full((10, 40), -90.0), np.full((10, 40), -50.0)])
     survey = Survey(names, np.array([[0.0, 0.0], [10.0, 0.0]]), readings)
     scans = [RadioScan(t=at, device="phone", seq=0, access_point=names, rssi=[-50.0] * 40) for at in (4.1, 7.1, 15.0)]
-    record = WorldRecord(site, "floor", [], {"phone": scans}, {}, truth, np.zeros((4, 2)))
+    record = WorldRecord(site, "floor", [], [], {"phone": scans}, {}, truth, np.zeros((4, 2)))
     np.testing.assert_allclose(walking_errors(record, survey, 4), [5.9, 2.9], atol=1e-6)
