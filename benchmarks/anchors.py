@@ -78,10 +78,12 @@ EXPERIMENT = Experiment(
     run=run,
     made="""Whole runs of `construction-1`, `construction-2` and `museum` at the train seeds and two more seeds
 each (plus 100, plus 200); errors of all carriers' minutes in view, both areas and all seeds together. `radio` is Horus
-with every access point and a survey of another day (a metre's grid, 20 scans a point, four ways); `vision` is
+with every access point and a survey of another day (a metre's grid, 20 scans a point, four ways), which knows the
+part of the floor that the camera sees; `vision` is
 RBMCDA on one frame a second, `cv` global nearest neighbour on every frame, both anonymous and matched to people
 minute by minute; `evloc` joins the `cv` tracks to phones minute by minute (mean error while both are in view).
-The bars are 20 % about the studies' figures; `least` and `most` are those of the single seeds. The scenarios
+The bars are 20 % about the studies' figures
+and hold for the worlds together: single ones scatter beyond them; `least` and `most` are those of the single seeds. The scenarios
 were then frozen (`tests/unit/simulator/test_frozen_scenarios.py`).""",
     studies=STUDIES,
     difference="""the studies' figures are of real sites; here people, cameras and radio are simulated, the carriers

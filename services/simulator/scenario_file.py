@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from services.simulator.crowd import WalkerParameters
 from services.simulator.detection_files import FileDetectionParameters
@@ -28,6 +28,14 @@ class Seeds(Part):
 
     train: Annotated[int, Field(ge=0, description="of the world on which one may tune")]
     test: Annotated[int, Field(ge=0, description="of the world on which results are told")]
+
+    @model_validator(mode="after")
+    def _differ(self) -> Seeds:
+        if self.train == self.test:
+            raise ValueError(
+                f"train and test must differ: nothing is tuned on the world that results are told of (both {self.test})"
+            )
+        return self
 
 
 class WalkingPeople(Part):
