@@ -197,13 +197,22 @@ class Habit:
                 envelope = np.maximum(envelope, own)
                 beat = np.sin(2.0 * math.pi * (fidget.tempo * since + 0.1 * np.sin(2.0 * since)))
                 rhythm += (own * beat)[:, None] * fidget.direction
-            if self._next_fidget > t[-1]:
+            next_fidget = self._begin_fidget(t, speed)
+            if next_fidget is None:
                 return envelope, rhythm
-            at = self._next_fidget
+            self._fidgets = next_fidget
+
+    def _begin_fidget(self, t: Array, speed: Array) -> _Fidget | None:
+        """Return the next fidget that begins by the end of ``t``; who walks at its time leaves it out."""
+        while self._next_fidget <= t[-1]:
+            at, found = self._next_fidget, None
             if speed[min(int(np.searchsorted(t, at)), len(t) - 1)] < _STANDING:
-                self._fidgets = fidget = self._draw_fidget(at)
-                at = fidget.end
+                found = self._draw_fidget(at)
+                at = found.end
             self._next_fidget = at + _exponential(self._fidgeting, self._parameters.fidget_every)
+            if found is not None:
+                return found
+        return None
 
     def _draw_fidget(self, start: float) -> _Fidget:
         rng = self._fidgeting

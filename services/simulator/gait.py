@@ -30,6 +30,9 @@ _STILL = 0.2  # below this speed, m/s, legs hardly swing
 _STARTS = 0.12  # seconds in which a walk gets its swing, and loses it
 _TURNS = 0.1  # seconds in which a phone follows its carrier's turn
 _HANDLING = (0.6, 3.5)  # Hz; fingers and arms are about as quick as steps
+_TWISTS = math.radians(2.5)  # of a phone that is handled, per axis; at these frequencies one radian a second or two
+_YIELDS = math.radians(2.5)  # of a hand or a cloth that holds a phone
+_YIELDING = (3.3, 0.7)  # seconds in which it forgets where it was, and in which it forgets how it moves
 
 
 class SensorParameters(Part):
@@ -129,7 +132,7 @@ class PhoneSensors:
         self._gyro_drift = rng.normal(0.0, 1.0, 3) * self._own.gyro_drift
         self._accelerometer_bias = rng.normal(0.0, 1.0, 3) * self._own.accelerometer_bias
         self._compass_bias = rng.normal(0.0, 1.0, 3) * self._own.compass_bias
-        self._wander = np.zeros(3)
+        self._wander = np.zeros((2, 3))
         self._follows: Array | None = None
         self._attitude: Array | None = None
         self._t = 0.0
@@ -171,7 +174,7 @@ class PhoneSensors:
             # Who fidgets with a phone in the pocket moves a leg.
             weight = 1.0 - 0.6 * loose[:, None]
             body += weight * self._habits.fidget_strength * (shaking[:, :3] + carried.rhythm)
-            angles += weight * math.radians(9.0) * shaking[:, 3:]
+            angles += weight * _TWISTS * shaking[:, 3:]
         angles[:, 2] += heading
         attitude = _turned(angles) @ carried.mount
         cos, sin = np.cos(heading), np.sin(heading)
@@ -229,11 +232,15 @@ class PhoneSensors:
         return pitch, np.column_stack([forward, left, up])
 
     def _wandering(self, n: int) -> Array:
-        """Return how a hand or a cloth yields, (n, 3) radians: a wander that forgets itself within 4 s."""
-        keep = math.exp(-self._dt / 4.0)
-        kicks = self._rng.normal(0.0, math.radians(2.5) * math.sqrt(1.0 - keep * keep), (n, 3))
-        wander: Array = lfilter([1.0], [1.0, -keep], kicks, axis=0, zi=keep * self._wander[None])[0]
-        self._wander = wander[-1]
+        """Return how a hand or a cloth yields, (n, 3) radians: two low passes in a row, so that it turns at a rate."""
+        slow, quick = (math.exp(-self._dt / seconds) for seconds in _YIELDING)
+        # The variance of white noise after both is (1 + s q) / ((1 - s q) (1 - s²) (1 - q²)).
+        both = slow * quick
+        gain = math.sqrt((1.0 - both) * (1.0 - slow * slow) * (1.0 - quick * quick) / (1.0 + both))
+        kicks = self._rng.normal(0.0, _YIELDS * gain, (n, 3))
+        push: Array = lfilter([1.0], [1.0, -quick], kicks, axis=0, zi=quick * self._wander[:1])[0]
+        wander: Array = lfilter([1.0], [1.0, -slow], push, axis=0, zi=slow * self._wander[1:])[0]
+        self._wander = np.stack([push[-1], wander[-1]])
         return wander.copy()
 
     def _handled(self, n: int) -> Array:

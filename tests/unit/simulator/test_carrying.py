@@ -92,6 +92,22 @@ def test_blocks_are_no_matter_to_when_things_happen() -> None:
     np.testing.assert_allclose(found[2], found[0], atol=1e-12)
 
 
+def test_a_fidget_that_is_left_out_for_walking_does_not_double_the_one_that_lasts() -> None:
+    """Somebody fidgets, sets off, and the next planned fidget falls into the walk, in the same block or in another."""
+    t = np.arange(600 * RATE) / RATE
+    speed = np.where(t % 7.0 < 3.5, 0.0, 1.2)
+    found = []
+    for cuts in (1, 120, 341):
+        habits = CarryingParameters(fidget_every=1.0, rhythmic=1.0, regrip_every=0)
+        habit = Habit(np.random.default_rng(4), "hand", habits)
+        pieces = zip(np.array_split(t, cuts), np.array_split(speed, cuts), strict=True)
+        parts = [habit.follow(part, fast) for part, fast in pieces]
+        found.append(np.concatenate([part.rhythm for part in parts]))
+    assert (np.abs(found[0]).max(axis=1) > 0.1).mean() > 0.3
+    np.testing.assert_allclose(found[1], found[0], atol=1e-9)
+    np.testing.assert_allclose(found[2], found[0], atol=1e-9)
+
+
 @pytest.mark.parametrize("wrong", [{"fidget_for": (5.0, 2.0)}, {"offset": -1.0}, {"in_hand": 0.0}])
 def test_impossible_habits_are_refused_by_name(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError, match=next(iter(wrong))):

@@ -41,14 +41,15 @@ def sample(
     north: float = NORTH,
     start: float = 0.0,
     walked: float = 0.0,
+    rate: float = RATE,
 ) -> InertialSamples:
-    t = start + np.arange(len(speed)) / RATE
+    t = start + np.arange(len(speed)) / rate
     field = np.array([22.5 * math.cos(north), 22.5 * math.sin(north), -42.4])
-    return phone.sample(t, heading, speed, walked + np.cumsum(speed) / RATE, np.tile(field, (len(t), 1)))
+    return phone.sample(t, heading, speed, walked + np.cumsum(speed) / rate, np.tile(field, (len(t), 1)))
 
 
-def walk(seconds: float, speed: float, heading: float) -> tuple[np.ndarray, np.ndarray]:
-    n = int(seconds * RATE)
+def walk(seconds: float, speed: float, heading: float, rate: float = RATE) -> tuple[np.ndarray, np.ndarray]:
+    n = int(seconds * rate)
     return np.full(n, heading), np.full(n, speed)
 
 
@@ -111,6 +112,35 @@ def test_standing_still_there_is_gravity_and_noise_only(carrying: Carrying) -> N
     assert norm.mean() == pytest.approx(GRAVITY, abs=0.15)
     assert norm.std() < 0.15
     assert not len(samples.steps.t)
+
+
+@pytest.mark.parametrize("carrying", ["hand", "pocket"])
+def test_who_stands_still_turns_the_phone_slowly_and_no_faster_where_it_is_sampled_more_often(
+    carrying: Carrying,
+) -> None:
+    """An angle without a rate would be white noise to the gyroscope, and more of it at every higher sampling rate."""
+    turning, yields = [], []
+    for rate in (50.0, 100.0, 200.0):
+        found = [
+            sample(sensors(carrying, seed, PERFECT, rate=rate), *walk(300, 0.0, 0.3, rate), rate=rate)
+            for seed in range(8)
+        ]
+        turning.append(np.std([one.rotation for one in found]))
+        # In the body's axes: how far the mount is turned from where it was put.
+        relative = np.concatenate([one.attitude @ one.carried.mount.transpose(0, 2, 1) for one in found])
+        yields.append(np.std(Rotation.from_matrix(relative).as_rotvec(), axis=0).mean())
+    assert max(turning) < 0.1
+    assert max(turning) < 1.1 * min(turning)
+    np.testing.assert_allclose(np.degrees(yields), 2.5, rtol=0.1)
+
+
+@pytest.mark.parametrize("carrying", ["hand", "pocket"])
+def test_fidgets_turn_the_phone_as_fast_as_people_do(carrying: Carrying) -> None:
+    restless = CarryingParameters(fidget_every=1.0, fidget_for=(10.0, 20.0))
+    found = [sample(sensors(carrying, seed, PERFECT, restless), *walk(120, 0.0, 0.3)) for seed in range(8)]
+    turning = np.concatenate([np.linalg.norm(one.rotation[one.carried.fidget > 0.9], axis=1) for one in found])
+    assert np.quantile(turning, 0.9) < 3.0
+    assert np.median(turning) > 0.3
 
 
 @pytest.mark.parametrize("carrying", ["hand", "pocket"])
