@@ -83,7 +83,8 @@ part of the floor that the camera sees; `vision` is
 RBMCDA on one frame a second, `cv` global nearest neighbour on every frame, both anonymous and matched to people
 minute by minute; `evloc` joins the `cv` tracks to phones minute by minute (mean error while both are in view).
 The bars are 20 % about the studies' figures
-and hold for the worlds together: single ones scatter beyond them; `least` and `most` are those of the single seeds. The scenarios
+and hold for the worlds together: single ones scatter beyond them; `least` and `most` are those of the single seeds.
+The scenarios
 were then frozen (`tests/unit/simulator/test_frozen_scenarios.py`).""",
     studies=STUDIES,
     difference="""the studies' figures are of real sites; here people, cameras and radio are simulated, the carriers
