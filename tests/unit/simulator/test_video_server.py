@@ -83,7 +83,8 @@ def test_a_still_is_one_picture_with_its_time(camera: tuple[str, FrameFeed]) -> 
 def test_nobody_watches_nothing_is_rendered(camera: tuple[str, FrameFeed]) -> None:
     url, feed = camera
     with httpx.stream("GET", f"{url}/cameras/east.mjpeg") as stream:
-        next(stream.iter_bytes())
+        pictures = stream.iter_bytes()  # kept: what is thrown away closes the stream
+        next(pictures)
         assert feed.someone_watches.is_set()
     wait_until(lambda: not feed.someone_watches.is_set(), 10, "the reader to be noticed gone")
 
