@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import dataclasses
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from services.simulator.phone_batch import ClockJump, Inertial, PhoneBatch
+from shared.keys import is_identifier
 from shared.messages import DetectionFrame
-from shared.site.site_file import Identifier, Number, Part
+from shared.site.site_file import Number, Part
 
 __all__ = [
     "CameraClock",
@@ -32,9 +33,28 @@ __all__ = [
     "PhoneFaults",
     "PhoneGone",
     "SwappedBatches",
+    "unknown_phones",
 ]
 
 _CATCHING_UP = 2.0  # seconds at least in which a phone that is back sends what waited
+_ALL = "*"
+
+
+def _camera(name: str) -> str:
+    if name != _ALL and not is_identifier(name):
+        raise ValueError("must be a camera of the site, or '*' for each of them")
+    return name
+
+
+def _phone(value: object) -> object:
+    # YAML's true is not phone 1.
+    if isinstance(value, bool) or not (isinstance(value, str) or (isinstance(value, int) and value >= 0)):
+        raise ValueError("must be a person's id, the place of a phone counted from 0, or '*' for all of them")
+    return value
+
+
+_Camera = Annotated[str, AfterValidator(_camera), Field(description="a camera of the site; *: each of them")]
+_Phone = Annotated[int | str, BeforeValidator(_phone)]
 
 
 class _During(Part):
@@ -58,14 +78,14 @@ class CameraOff(_During):
     """A camera says nothing."""
 
     kind: Literal["camera-off"]
-    camera: Identifier | Literal["*"]
+    camera: _Camera
 
 
 class FramesLate(_During):
     """Some frames come late, after later ones."""
 
     kind: Literal["frames-late"]
-    camera: Identifier | Literal["*"]
+    camera: _Camera
     share: Number = Field(0.1, ge=0, le=1, description="of the frames that are late")
     delay: tuple[Number, Number] = Field((0.1, 1.0), description="least and greatest delay, s")
 
@@ -79,16 +99,13 @@ class CameraClock(Part):
     """A camera's clock is wrong: its frames are stamped ahead of the truth by an offset that grows."""
 
     kind: Literal["camera-clock"]
-    camera: Identifier | Literal["*"]
+    camera: _Camera
     offset: Number = Field(0.0, ge=-86_400, le=86_400, description="at world second zero, s")
     drift_ppm: Number = Field(0.0, ge=-10_000, le=10_000, description="by which the clock is fast")
 
 
-_Phone = Annotated[int, Field(ge=0)] | str
-
-
 class _OfPhone(Part):
-    phone: _Phone = Field("all", description="a person's id, the place of a phone counted from 0, or all")
+    phone: _Phone = Field(_ALL, description="a person's id, or the place of a phone counted from 0; *: each of them")
 
 
 class PhoneGone(_OfPhone):
@@ -176,7 +193,7 @@ class CameraFaults:
             frames: in order; ``t`` in world seconds, at which a healthy frame arrives.
         """
         arriving = [(frame.t, frame) for frame in frames]
-        mine = [(fault, number) for fault, number in self._faults if fault.camera in (camera, "*")]
+        mine = [(fault, number) for fault, number in self._faults if fault.camera in (camera, _ALL)]
         if not mine or not frames:
             return arriving
         when = np.array([frame.t for frame in frames])
@@ -221,8 +238,15 @@ class PhoneFaults:
         self._of: dict[str, list[tuple[AnyFault, int]]] = {person: [] for person in persons}
         for number, fault in enumerate(faults):
             if isinstance(fault, _OfPhone):
-                for person in _meant(fault.phone, number, persons):
+                meant = _meant(fault.phone, persons)
+                if meant is None:
+                    raise ValueError(_nobodys(fault.phone, number, persons))
+                for person in meant:
                     self._of[person].append((fault, number))
+        self._gone = {
+            person: sorted((fault for fault, _ in found if isinstance(fault, PhoneGone)), key=lambda gone: gone.start)
+            for person, found in self._of.items()
+        }
 
     def arrivals(self, batches: Sequence[PhoneBatch]) -> list[PhoneBatch]:
         """Return the batches as they arrive, in order of arrival; copies bear the number of what they copy."""
@@ -245,39 +269,59 @@ class PhoneFaults:
                 if found is None:
                     return []
                 batch = found
-        for fault, _ in faults:
-            # A phone that is off does not send either.
-            if isinstance(fault, PhoneGone):
-                sent, arrival = (fault.caught_up(t) for t in (batch.sent, batch.arrival))
-                if (sent, arrival) != (batch.sent, batch.arrival) and batch.sent >= fault.start:
-                    batch = dataclasses.replace(batch, sent=sent, arrival=arrival)
+        batch = self._put_off(batch)
         for fault, number in faults:
             if isinstance(fault, SwappedBatches) and self._draw(number, "share", batch) < fault.share:
                 delay = _within(fault.delay, np.array([self._draw(number, "delay", batch)]))
                 batch = dataclasses.replace(batch, arrival=batch.arrival + float(delay[0]))
-            elif isinstance(fault, DuplicateBatches) and self._draw(number, "share", batch) < fault.share:
+        for fault, number in faults:
+            if isinstance(fault, DuplicateBatches) and self._draw(number, "share", batch) < fault.share:
                 after = _within(fault.after, np.array([self._draw(number, "after", batch)]))
-                copies.append(_later(batch, float(after[0])))
+                copies.append(self._put_off(_later(batch, float(after[0]))))
         return [batch, *copies]
+
+    def _put_off(self, batch: PhoneBatch) -> PhoneBatch:
+        """Return the batch as it is sent where its phone is off at times: what waits for one end may meet the next."""
+        for gone in self._gone.get(batch.person, []):
+            if batch.sent >= gone.start:
+                sent, arrival = gone.caught_up(batch.sent), gone.caught_up(batch.arrival)
+                if (sent, arrival) != (batch.sent, batch.arrival):
+                    batch = dataclasses.replace(batch, sent=sent, arrival=arrival)
+        return batch
 
     def _draw(self, number: int, what: str, batch: PhoneBatch) -> float:
         key = _key(self._seed, str(number), what, batch.person)
         return float(_uniform(key, np.array([batch.seq]))[0])
 
 
-def _meant(phone: int | str, number: int, persons: Sequence[str]) -> Sequence[str]:
-    if phone == "all":
+def unknown_phones(faults: Sequence[AnyFault], persons: Sequence[str]) -> Iterator[str]:
+    """Yield, in words, what is wrong with every fault of a phone that does not exist.
+
+    Args:
+        faults: of cameras and phones.
+        persons: who carries the phones, in the order in which faults count them.
+    """
+    for number, fault in enumerate(faults):
+        if isinstance(fault, _OfPhone) and _meant(fault.phone, persons) is None:
+            yield _nobodys(fault.phone, number, persons)
+
+
+def _meant(phone: int | str, persons: Sequence[str]) -> Sequence[str] | None:
+    """Return whose phones are meant; None: there is no such phone."""
+    if phone == _ALL:
         return persons
     if isinstance(phone, int):
-        if phone < len(persons):
-            return [persons[phone]]
-        raise ValueError(
-            f"faults[{number}].phone: there is no phone {phone}; allowed is 0 to {len(persons) - 1}, or all"
-        )
-    if phone in persons:
-        return [phone]
-    known = ", ".join(persons[:20]) or "nobody"
-    raise ValueError(f"faults[{number}].phone: {phone!r} carries no phone; allowed: {known}, or all")
+        return [persons[phone]] if phone < len(persons) else None
+    return [phone] if phone in persons else None
+
+
+def _nobodys(phone: int | str, number: int, persons: Sequence[str]) -> str:
+    if isinstance(phone, int):
+        problem, known = f"there is no phone {phone}", f"0 to {len(persons) - 1}"
+    else:
+        more = ", …" if len(persons) > 20 else ""
+        problem, known = f"{phone!r} carries no phone", ", ".join(persons[:20]) + more
+    return f"faults[{number}].phone: {problem}; allowed: {known if persons else 'nobody'}, or '*' for all"
 
 
 def _later(batch: PhoneBatch, delay: float) -> PhoneBatch:

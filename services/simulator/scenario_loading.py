@@ -16,9 +16,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from services.simulator.faults import unknown_phones
 from services.simulator.radio_changes import unknown_names
 from services.simulator.scenario_file import FileView, RecordedPeople, Scenario
-from services.simulator.world import cameras_of, people_of
+from services.simulator.world import cameras_of, carriers_of, people_of
 from shared.part_file import PartFileError, read_part_file
 from shared.site import Camera, Site, SiteError, load_site
 from shared.site.camera_geometry import GeometryError
@@ -64,6 +65,10 @@ def load_scenario(path: str | Path, site_file: Path | None = None) -> tuple[Scen
         raise ScenarioError(
             f"{path}: phones: {wanted} phones for {len(people.persons)} people; everybody carries one at most"
         )
+    carrying = [carrier.person for carrier in carriers_of(scenario, people)]
+    problems = list(unknown_phones(scenario.faults, carrying))
+    if problems:
+        raise ScenarioError("\n".join(f"{path}: {problem}" for problem in problems))
     return scenario, site
 
 
@@ -189,6 +194,6 @@ def _faults(scenario: Scenario, site: Site) -> Iterator[str]:
     cameras = [camera.id for camera in site.cameras]
     for number, fault in enumerate(scenario.faults):
         camera = getattr(fault, "camera", None)
-        if camera not in (None, "*", "all") and camera not in cameras:
+        if camera not in (None, "*") and camera not in cameras:
             known = ", ".join(cameras) or "none"
-            yield f"faults[{number}].camera: {camera!r} is no camera; allowed: {known}"
+            yield f"faults[{number}].camera: {camera!r} is no camera; allowed: {known}, or '*' for all"

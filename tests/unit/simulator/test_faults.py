@@ -109,17 +109,15 @@ def test_a_phone_that_could_not_send_sends_all_of_it_later_in_order() -> None:
         assert len(batch.inertial.t) == 50
 
 
-@pytest.mark.parametrize(
-    ("phone", "meant"), [("all", PEOPLE), (0, ["ann"]), (2, ["7"]), ("7", ["7"]), ("bob", ["bob"])]
-)
+@pytest.mark.parametrize(("phone", "meant"), [("*", PEOPLE), (0, ["ann"]), (2, ["7"]), ("7", ["7"]), ("bob", ["bob"])])
 def test_phones_are_named_by_person_by_place_or_all(phone: object, meant: list[str]) -> None:
     gone = {"kind": "phone-gone", "phone": phone, "start": 0.0, "end": 1000.0}
     assert [person for person in PEOPLE if not posted(gone, person=person)] == meant
 
 
-@pytest.mark.parametrize("phone", ["zoe", 3])
+@pytest.mark.parametrize("phone", ["zoe", 3, "all"])
 def test_a_phone_that_nobody_carries_is_refused_by_name(phone: object) -> None:
-    with pytest.raises(ValueError, match=r"faults\[0\]\.phone: .*(zoe|3).*allowed"):
+    with pytest.raises(ValueError, match=r"faults\[0\]\.phone: .*(zoe|3|all).*allowed.*'\*' for all$"):
         posted({"kind": "phone-gone", "phone": phone, "start": 0.0, "end": 1.0})
 
 
@@ -134,7 +132,7 @@ def test_a_clock_that_jumps_stamps_what_is_measured_from_then_on() -> None:
 
 
 def test_duplicates_bear_the_number_of_the_original_and_come_after_it() -> None:
-    found = posted({"kind": "duplicate-batches", "phone": "all", "share": 0.3})
+    found = posted({"kind": "duplicate-batches", "phone": "*", "share": 0.3})
     twice = {seq for seq in numbers(found) if numbers(found).count(seq) == 2}
     assert set(numbers(found)) == set(range(60))
     assert 8 <= len(twice) <= 30
@@ -145,11 +143,48 @@ def test_duplicates_bear_the_number_of_the_original_and_come_after_it() -> None:
 
 
 def test_swapped_batches_are_overtaken_and_none_is_lost() -> None:
-    found = posted({"kind": "swapped-batches", "phone": "all", "share": 0.3})
+    found = posted({"kind": "swapped-batches", "phone": "*", "share": 0.3})
     assert sorted(numbers(found)) == list(range(60))
     overtaken = sum(a > b for a, b in zip(numbers(found), numbers(found)[1:], strict=False))
     assert 8 <= overtaken <= 30
     assert [batch.arrival for batch in found] == sorted(batch.arrival for batch in found)
+
+
+def test_outages_that_overlap_are_one_whatever_their_order_in_the_file() -> None:
+    """What waits for the end of the first and would be sent within the second waits for the end of that."""
+    first: dict[str, object] = {"kind": "phone-gone", "phone": "ann", "start": 10.5, "end": 20.5, "lost": False}
+    second: dict[str, object] = {"kind": "phone-gone", "phone": "ann", "start": 15.5, "end": 30.5, "lost": False}
+    for faults in ((first, second), (second, first)):
+        found = posted(*faults)
+        assert numbers(found) == list(range(60))
+        assert not [batch.sent for batch in found if 10.5 <= batch.sent < 30.5]
+        assert [(b.sent, b.arrival) for b in found] == [(b.sent, b.arrival) for b in posted(first, second)]
+
+
+def test_a_copy_is_not_sent_while_the_phone_is_off_either() -> None:
+    faults: list[dict[str, object]] = [
+        {"kind": "duplicate-batches", "share": 1.0, "after": [1.0, 3.0]},
+        {"kind": "phone-gone", "start": 20.5, "end": 40.5, "lost": False},
+    ]
+    found = posted(*faults)
+    assert len(found) == 120
+    assert not [batch.sent for batch in found if 20.5 <= batch.sent < 40.5]
+    for seq in range(60):
+        first, second = (batch for batch in found if batch.seq == seq)
+        assert first.arrival < second.arrival
+
+
+def test_copies_of_overtaken_batches_come_after_them_whatever_the_order_in_the_file() -> None:
+    swapped: dict[str, object] = {"kind": "swapped-batches", "share": 1.0}
+    twice: dict[str, object] = {"kind": "duplicate-batches", "share": 1.0, "after": [0.5, 0.6]}
+    for first, second in ((b.seq, b) for b in posted(twice, swapped)):
+        assert second.arrival - (first + 1.1) >= 1.2
+    assert {k: v for k, v in _spread(posted(twice, swapped)).items() if not 0.5 <= v <= 0.6} == {}
+
+
+def _spread(found: Sequence[PhoneBatch]) -> dict[int, float]:
+    times = {seq: [batch.arrival for batch in found if batch.seq == seq] for seq in numbers(found)}
+    return {seq: max(of) - min(of) for seq, of in times.items()}
 
 
 MANY: list[dict[str, object]] = [
@@ -198,6 +233,12 @@ def test_healthy_batches_are_not_touched() -> None:
         ({"kind": "meteor"}, "kind"),
         ({"kind": "camera-clock", "camera": "c1", "skew": 1}, "skew"),
         ({"kind": "phone-clock", "phone": -1}, "phone"),
+        (
+            {"kind": "phone-clock", "phone": True},
+            "phone\n.*a person's id, the place of a phone counted from 0, or '\\*'",
+        ),
+        ({"kind": "phone-clock", "phone": 1.5}, "phone\n.*a person's id, the place of a phone"),
+        ({"kind": "camera-off", "camera": "a b"}, "camera\n.*a camera of the site, or '\\*' for each"),
     ],
 )
 def test_impossible_faults_are_refused_by_name(wrong: dict[str, object], named: str) -> None:

@@ -104,6 +104,25 @@ def test_the_example_is_right(tmp_path: Path) -> None:
         ("radio", {"noise_sigma": -2}, "radio.noise_sigma: "),
         ("radio", {"changes": [{"at": 5, "kind": "power", "access_point": "ap-9", "by": 3}]}, "ap-9"),
         ("faults", [{"kind": "camera-off", "camera": "attic", "start": 1, "end": 2}], "faults[0].camera: 'attic'"),
+        ("faults", [{"kind": "camera-off", "camera": "all"}], "'all' is no camera; allowed: lobby, or '*' for all"),
+        ("faults", [{"kind": "camera-off", "camera": "a b"}], "faults[0].camera: must be a camera of the site, or '*'"),
+        (
+            "faults",
+            [{"kind": "phone-gone", "phone": "bob", "start": 1, "end": 2}],
+            "faults[0].phone: 'bob' carries no phone; allowed: person-1, person-2, or '*' for all",
+        ),
+        (
+            "faults",
+            [{"kind": "phone-clock"}, {"kind": "phone-clock", "phone": 99}],
+            "faults[1].phone: there is no phone 99; allowed: 0 to 1, or '*' for all",
+        ),
+        ("faults", [{"kind": "phone-clock", "phone": "all"}], "faults[0].phone: 'all' carries no phone; allowed"),
+        (
+            "faults",
+            [{"kind": "phone-clock", "phone": True}],
+            "faults[0].phone: must be a person's id, the place of a phone counted from 0, or '*'",
+        ),
+        ("faults", [{"kind": "phone-clock", "phone": -1}], "faults[0].phone: must be a person's id, the place of a"),
         ("faults", [{"kind": "earthquake"}], "faults[0].kind: must be one of camera-off"),
     ],
 )
@@ -115,6 +134,12 @@ def test_a_mistake_is_told_with_its_place(tmp_path: Path, place: str, value: Any
     assert told in text
     assert text.startswith(f"{path}: ")
     assert len(text.splitlines()) == 1
+
+
+def test_a_fault_of_every_camera_and_phone_is_right(tmp_path: Path) -> None:
+    faults = [{"kind": "camera-off", "camera": "*"}, {"kind": "phone-clock", "phone": "*"}, {"kind": "phone-clock"}]
+    scenario, _ = load_scenario(written(tmp_path, changed(SCENARIO, "faults", faults)))
+    assert [getattr(fault, "phone", None) for fault in scenario.faults] == [None, "*", "*"]
 
 
 def turned_to_the_sky(site: dict[str, Any]) -> dict[str, Any]:
