@@ -54,6 +54,14 @@ class FleetParameters(Part):
         return {kind: schedule for kind, schedule in both if schedule is not None}
 
     @property
+    def enrolled_as(self) -> Literal["hand", "pocket"]:
+        """What their app tells the gateway: a heading may be taken for known only where the phone is always held.
+
+        ``unknown`` promises that it is held flat or upright, and a phone that is sometimes in a pocket breaks that.
+        """
+        return "hand" if self.carrying == "hand" else "pocket"
+
+    @property
     def hears(self) -> tuple[Kind, ...]:
         """Which kinds of radio they hear."""
         return tuple(self.schedules)

@@ -1,8 +1,9 @@
 """Emulated phones at the real gateway: they enrol, post what they measured, and never give up.
 
 Everything a phone could not send waits and is sent later, oldest first, with the same sequence number; a refused
-connection, a timeout, 429 or 503 is tried again after a growing pause, and a phone that the gateway no longer knows
-enrols anew. The protocol is that of ``docs/phone-app.md``, written by hand as an app's author would.
+connection, a timeout, 429, 503 or an answer that is none is tried again after a growing pause, and a phone that the
+gateway no longer knows enrols anew. The protocol is that of ``docs/phone-app.md``, written by hand as an app's author
+would.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import httpx
 import msgspec
@@ -23,7 +25,7 @@ import structlog
 from prometheus_client import Counter, Gauge
 
 from services.simulator.phone import EmulatedPhone
-from services.simulator.phone_batch import PhoneBatch, PhoneClock
+from services.simulator.phone_batch import PhoneBatch
 from services.simulator.posting import body_of
 
 __all__ = ["Phones"]
@@ -35,7 +37,23 @@ WAITING = Gauge("atrium_simulator_batches_waiting", "Batches that could not be s
 
 _KEPT = 600  # batches a phone keeps while it cannot send
 _LONGEST_PAUSE = 10.0
+_LONGEST_ASKED = 600.0
+"""Seconds that a phone waits at most, whatever ``Retry-After`` says."""
 _TIMEOUT = 5.0
+_MISTAKE = "emulated phones have ended by a mistake of the simulator: "
+
+
+class _Enrolled(msgspec.Struct):
+    """What a gateway answers to an enrolment."""
+
+    device: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.\-]{0,63}\Z")]
+    token: Annotated[str, msgspec.Meta(pattern=r"^[!-~]{1,1000}\Z")]
+
+
+class _Taken(msgspec.Struct):
+    """What a gateway answers to a batch."""
+
+    replied: float
 
 
 @dataclass(slots=True)
@@ -43,14 +61,14 @@ class _Line:
     """One phone's line to the gateway."""
 
     phone: EmulatedPhone
-    clock: PhoneClock
     device: str | None = None
     token: str = ""
     shift: int | None = 0
     """Added to a batch's own number; None until the first one of a new device, which is number 0 to the gateway."""
     highest: int = -1
     waiting: deque[PhoneBatch] = field(default_factory=deque)
-    echo: dict[str, float] | None = None
+    reply: tuple[float, float] | None = None
+    """When the gateway made its last reply, by its clock, and when the phone has it, true seconds of this pass."""
     failures: int = 0
     not_before: float = 0.0
     woken: asyncio.Event = field(default_factory=asyncio.Event)
@@ -75,7 +93,7 @@ class Phones:
         seed: int = 0,
         report: Callable[[str | None], None] = lambda reason: None,
     ) -> None:
-        self._lines = {phone.person: _Line(phone, phone.clock) for phone in phones}
+        self._lines = {phone.person: _Line(phone) for phone in phones}
         self._url = gateway_url.rstrip("/")
         self._key = enrolment_key
         self._rng = np.random.default_rng(seed)
@@ -99,7 +117,7 @@ class Phones:
         self._tell(self._begin, epoch)
 
     def post(self, batch: PhoneBatch) -> None:
-        """Send a batch of this pass now: at the true time ``epoch + batch.sent``. Any thread may call.
+        """Send a batch of this pass that arrives now: at the true time ``epoch + batch.arrival``. Any thread may call.
 
         KeyError: nobody of that name has a phone.
         """
@@ -114,17 +132,17 @@ class Phones:
             self._loop.close()
 
     def _tell(self, what: Callable[..., None], *arguments: object) -> None:
-        """Call in the phones' thread, in order; they may not have started yet, or have ended."""
+        """Call in the phones' thread, in order; they may not have started yet, or have ended: then nothing happens."""
         if not self._stopping.is_set():
-            try:
+            with contextlib.suppress(RuntimeError):  # the loop is closed; its thread has told why
                 self._loop.call_soon_threadsafe(what, *arguments)
-            except RuntimeError:
-                if not self._stopping.is_set():
-                    raise
 
     def _run_loop(self) -> None:
         try:
             self._loop.run_until_complete(self._live())
+        except Exception as error:  # a bug: the world goes on without phones, and says so
+            log.exception("phones ended")
+            self._report(f"{_MISTAKE}{type(error).__name__}: {error}")
         finally:
             self._loop.close()
 
@@ -137,21 +155,23 @@ class Phones:
                 # Proxies of the environment are for the world outside, not for a gateway in the house.
                 client = httpx.AsyncClient(base_url=self._url, timeout=_TIMEOUT, verify=trusted, trust_env=False)
                 tasks.append(asyncio.create_task(self._run(line, await clients.enter_async_context(client))))
-            while not self._stopping.is_set():
+            try:
+                while not self._stopping.is_set():
+                    for task in tasks:
+                        if task.done():
+                            task.result()  # a bug must not end in silence
+                    WAITING.set(sum(len(line.waiting) for line in self._lines.values()))
+                    await asyncio.sleep(0.1)
+            finally:
                 for task in tasks:
-                    if task.done():
-                        task.result()  # a bug must not end in silence
-                WAITING.set(sum(len(line.waiting) for line in self._lines.values()))
-                await asyncio.sleep(0.1)
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+                    task.cancel()
+                await asyncio.gather(*tasks, return_exceptions=True)
 
     def _begin(self, epoch: float) -> None:
         self._epoch = epoch
         for line in self._lines.values():
             line.waiting.clear()
-            line.echo = None
+            line.reply = None
             if line.shift is not None:
                 line.shift = line.highest + 1  # to the gateway it is still the same phone
 
@@ -159,7 +179,6 @@ class Phones:
         if len(line.waiting) >= _KEPT:
             line.waiting.popleft()
             BATCHES.labels("given up").inc()
-        line.clock = batch.clock
         line.waiting.append(batch)
         line.woken.set()
 
@@ -181,8 +200,11 @@ class Phones:
             while line.waiting and line.device is not None:
                 if not await self._post(line, client):
                     return
-        except httpx.TransportError as error:
+        except (httpx.HTTPError, httpx.InvalidURL) as error:
             self._pause(line, None, f"no answer from {self._url}: {type(error).__name__}")
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            BATCHES.labels("to be repeated").inc(line.device is not None)
+            self._pause(line, None, f"no proper answer from {self._url}: {str(error)[:200]}")
         else:
             if line.device is not None:
                 line.failures = 0
@@ -195,14 +217,14 @@ class Phones:
             "consent": True,
             "name": f"emulated phone of {line.phone.person}",
             "platform": "simulator",
-            "carrying": "unknown" if line.phone.carrying == "mixed" else line.phone.carrying,
+            "carrying": line.phone.fleet.enrolled_as,
         }
         answer = await client.post("/v1/devices", json=body)
         if answer.status_code != 201:
             self._pause(line, answer, f"{self._url} refused an enrolment: {answer.status_code} {answer.text[:200]}")
             return
-        enrolled = answer.json()
-        line.device, line.token = enrolled["device"], enrolled["token"]
+        enrolled = msgspec.json.decode(answer.content, type=_Enrolled)
+        line.device, line.token = enrolled.device, enrolled.token
         line.shift, line.highest = None, -1
         log.info("phone enrolled", person=line.phone.person, device=line.device)
 
@@ -216,26 +238,31 @@ class Phones:
             line.waiting.popleft()
             return True
         line.highest = max(line.highest, number)
+        # It comes here when it arrives: it was sent a journey ago, or later by as long as it waited here.
+        sent = batch.sent + max(0.0, self._now() - batch.arrival)
         body = body_of(batch, self._epoch)
-        body.update(seq=number, sent=self._clock(line))
-        if line.echo is not None:
-            body["echo"] = line.echo
+        body.update(seq=number, sent=self._shown(batch, sent))
+        if line.reply is not None and line.reply[1] <= sent:
+            body["echo"] = {"replied": line.reply[0], "arrived": self._shown(batch, line.reply[1])}
         headers = {"Authorization": f"Bearer {line.token}", "Content-Type": "application/json"}
         answer = await client.post(
             f"/v1/devices/{line.device}/batches", content=msgspec.json.encode(body), headers=headers
         )
         status = answer.status_code
         if status == 200:
-            line.echo = {"replied": answer.json()["replied"], "arrived": self._clock(line)}
+            taken = msgspec.json.decode(answer.content, type=_Taken)
+            # Replies take as long as what they reply to.
+            line.reply = taken.replied, self._now() + batch.arrival - batch.sent
         elif status in (401, 403, 404):
             # The gateway has forgotten this phone: it may have lost its database. Enrol again, keep what waits.
             log.warning("phone no longer known", person=line.phone.person, device=line.device, status=status)
-            line.device, line.echo = None, None
+            line.device, line.reply = None, None
             self._pause(line, answer, f"{self._url} no longer knows a phone: {status}")
             return False
-        elif status == 429 or status >= 500:
+        elif status in (408, 429) or not 400 <= status < 500:
             BATCHES.labels("to be repeated").inc()
-            self._pause(line, answer, f"{self._url} is busy: {status}")
+            proper = status in (408, 429) or status >= 500
+            self._pause(line, answer, f"{self._url} {'is busy' if proper else 'gives no proper answer'}: {status}")
             return False
         else:
             # This very batch is not wanted, and would not be tomorrow.
@@ -257,9 +284,14 @@ class Phones:
         asked = answer.headers.get("Retry-After", "") if answer is not None else ""
         growing = min(_LONGEST_PAUSE, 0.5 * 2.0 ** min(line.failures, 10)) * float(self._rng.uniform(0.7, 1.0))
         line.failures += 1
-        line.not_before = time.monotonic() + (float(asked) if asked.isdigit() else growing)
+        line.not_before = time.monotonic() + (min(float(asked), _LONGEST_ASKED) if asked.isdecimal() else growing)
         if line.failures > 1:  # once is nothing: at start the gateway may be a second behind
             self._report(reason)
 
-    def _clock(self, line: _Line) -> float:
-        return self._epoch + float(line.clock.read(np.array([time.time() - self._epoch]))[0])
+    def _now(self) -> float:
+        """Return true seconds of this pass."""
+        return time.time() - self._epoch
+
+    def _shown(self, batch: PhoneBatch, t: float) -> float:
+        """Return what the clock of a batch's phone shows at ``t`` seconds of this pass."""
+        return self._epoch + float(batch.clock.read(np.array([t]))[0])

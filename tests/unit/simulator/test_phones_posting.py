@@ -1,5 +1,6 @@
 """Emulated phones against a real HTTP server that records, refuses, forgets and goes away."""
 
+import dataclasses
 import json
 import threading
 import time
@@ -13,6 +14,7 @@ import pytest
 from waiting import wait_until
 from walking_people import WalkingPeople
 
+from services.simulator.carrying import Carrying
 from services.simulator.magnetic import MagneticField, MagneticParameters
 from services.simulator.phone import EmulatedPhone, FleetParameters, PhoneBatch
 from services.simulator.phones import Phones
@@ -30,6 +32,8 @@ class Server:
         self.batches: list[tuple[str, str, dict[str, Any]]] = []
         self.refuse_with: int | None = None
         self.refused = 0
+        self.nonsense: tuple[Any, ...] | None = None
+        self.received: list[float] = []
         self.known: set[str] = set()
         server = self
 
@@ -38,7 +42,12 @@ class Server:
 
             def do_POST(self) -> None:
                 body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-                if server.refuse_with is not None:
+                received = time.time()
+                if server.nonsense is not None:
+                    server.refused += 1
+                    status, payload, headers = server.nonsense
+                    self.answer_with(status, payload, headers)
+                elif server.refuse_with is not None:
                     server.refused += 1
                     self.answer(server.refuse_with, {"detail": []}, {"Retry-After": "0"})
                 elif self.path == "/v1/devices":
@@ -51,13 +60,16 @@ class Server:
                     if device not in server.known:
                         self.answer(401, {"detail": []})
                         return
+                    server.received.append(received)
                     server.batches.append((device, self.headers["Authorization"], body))
                     self.answer(200, {"seq": body["seq"], "replied": time.time()})
 
             def answer(self, status: int, body: dict[str, Any], headers: dict[str, str] | None = None) -> None:
-                payload = json.dumps(body).encode()
+                self.answer_with(status, json.dumps(body).encode(), headers or {})
+
+            def answer_with(self, status: int, payload: bytes, headers: dict[str, str]) -> None:
                 self.send_response(status)
-                for name, value in {"Content-Length": str(len(payload)), **(headers or {})}.items():
+                for name, value in {"Content-Length": str(len(payload)), **headers}.items():
                     self.send_header(name, value)
                 self.end_headers()
                 self.wfile.write(payload)
@@ -84,10 +96,12 @@ def server(free_port: int) -> Iterator[Server]:
 class World(Phones):
     """Phones that are given what they measure when its time comes, as the service does it."""
 
-    def __init__(self, port: int, persons: int = 1, reports: list[str | None] | None = None) -> None:
+    def __init__(
+        self, port: int, persons: int = 1, reports: list[str | None] | None = None, carrying: Carrying = "hand"
+    ) -> None:
         self.people = WalkingPeople([(600.0, 0.02, 0.0)], persons=[str(p + 1) for p in range(persons)])
         radio, magnetic = RadioWorld(SITE, 1, RadioParameters()), MagneticField(SITE, MagneticParameters(), 1)
-        fleet = FleetParameters(count=persons, hole_every=0.0)
+        fleet = FleetParameters(count=persons, hole_every=0.0, carrying=carrying)
         self.emulated = [EmulatedPhone(SITE, radio, magnetic, person, fleet, 1) for person in self.people.persons]
         reported = [] if reports is None else reports
         super().__init__(self.emulated, f"http://127.0.0.1:{port}", "the key", report=reported.append)
@@ -152,6 +166,120 @@ def test_nothing_is_lost_while_the_gateway_is_busy(server: Server, free_port: in
     assert seqs == list(range(len(seqs)))
     stamps = np.concatenate([body["imu"]["t"] for _, _, body in server.batches])
     np.testing.assert_allclose(np.diff(stamps), 0.02, atol=2e-3)
+
+
+NONSENSE: list[tuple[bool, int, bytes, dict[str, str]]] = [
+    (False, 201, b"<html>Welcome to our Wi-Fi</html>", {}),
+    (False, 201, b'{"device": "d-1"}', {}),
+    (False, 201, b'{"device": "d-1\\n", "token": "t"}', {}),
+    (False, 201, b'{"device": "d-1", "token": "\\u00e9"}', {}),
+    (False, 201, b"\xff", {}),
+    (True, 200, b"<html>Welcome to our Wi-Fi</html>", {}),
+    (True, 200, b'{"seq": 0}', {}),
+    (True, 200, b"no gzip", {"Content-Encoding": "gzip"}),
+    (True, 302, b"", {"Location": "http://127.0.0.1:1/"}),
+    (True, 503, b"", {"Retry-After": "\xb2"}),
+]
+
+
+@pytest.mark.parametrize("nonsense", NONSENSE)
+def test_phones_outlive_answers_that_are_none(
+    server: Server,
+    free_port: int,
+    nonsense: tuple[bool, int, bytes, dict[str, str]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A captive portal, a proxy's page, another version: nothing of it ends the phones or costs a batch."""
+    monkeypatch.setattr("services.simulator.phones._LONGEST_PAUSE", 0.1)
+    enrolled, *answer = nonsense
+    reports: list[str | None] = []
+    phones = World(free_port, reports=reports)
+    batches = phones.measured(0.0, 5.0)[:2]
+    if not enrolled:
+        server.nonsense = tuple(answer)
+    phones.start()
+    try:
+        phones.follow(time.time())
+        if enrolled:
+            wait_until(lambda: phones.devices, 15, "an enrolment")
+            server.nonsense = tuple(answer)
+        for batch in batches:
+            phones.post(batch)
+        wait_until(lambda: server.refused >= 2, 15, "two tries")
+        wait_until(lambda: reports and reports[-1] is not None, 5, "the report")
+        server.nonsense = None
+        wait_until(lambda: len(server.batches) == 2, 15, "the batches")
+        wait_until(lambda: reports[-1] is None, 5, "the all-clear")
+    finally:
+        phones.stop()
+    assert [body["seq"] for _, _, body in server.batches] == [0, 1]
+
+
+def test_a_mistake_that_ends_the_phones_is_reported_and_the_world_goes_on(
+    server: Server, free_port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reports: list[str | None] = []
+    phones = World(free_port, reports=reports)
+    batches = phones.measured(0.0, 5.0)[:2]
+
+    def mistaken(*_: object) -> None:
+        raise AttributeError("a bug")
+
+    monkeypatch.setattr("services.simulator.phones.body_of", mistaken)
+    phones.start()
+    try:
+        phones.follow(time.time())
+        phones.post(batches[0])
+        wait_until(lambda: reports and reports[-1] is not None, 15, "the report")
+        assert "emulated phones have ended" in str(reports[-1])
+        assert "a bug" in str(reports[-1])
+        wait_until(phones._loop.is_closed, 5, "the end of the thread")
+        phones.post(batches[1])  # and raises nothing
+        phones.follow(time.time())
+    finally:
+        phones.stop()
+
+
+def test_stamps_tell_of_the_journey_that_the_twin_gave_a_batch(server: Server, free_port: int) -> None:
+    """A gateway aligns clocks by the quickest journeys, there and back: live as off-line."""
+    phones = World(free_port)
+    slow = [
+        dataclasses.replace(batch, sent=batch.measured_until, arrival=batch.measured_until + 0.4)
+        for batch in phones.measured(0.0, 5.0)
+    ]
+    phones.start()
+    epoch = time.time()
+    phones.follow(epoch)
+    try:
+        for batch in slow[:3]:
+            wait_until(lambda batch=batch: time.time() >= epoch + batch.arrival, 10, "its arrival")  # type: ignore[misc]
+            phones.post(batch)
+        wait_until(lambda: len(server.batches) == 3, 15, "three batches")
+    finally:
+        phones.stop()
+    clock = slow[0].clock
+    for received, batch, (_, _, body) in zip(server.received, slow, server.batches, strict=False):
+        assert body["sent"] == pytest.approx(epoch + batch.sent_stamp, abs=0.3)
+        sent = received - epoch - 0.4
+        assert body["sent"] <= epoch + clock.read(np.array([sent]))[0] + 1e-3
+        assert body["sent"] > epoch + clock.read(np.array([sent - 0.2]))[0]
+    for received, (_, _, body) in zip(server.received, server.batches[1:], strict=False):
+        assert body["echo"]["arrived"] > epoch + clock.read(np.array([received - epoch + 0.4]))[0] - 1e-3
+        assert body["echo"]["arrived"] <= body["sent"]
+
+
+def test_phones_that_are_sometimes_in_a_pocket_claim_no_heading(server: Server, free_port: int) -> None:
+    """To the gateway ``unknown`` is held flat or upright: it would tell the headings of pockets as known."""
+    chosen: list[tuple[Carrying, str]] = [("hand", "hand"), ("pocket", "pocket"), ("mixed", "pocket")]
+    for carrying, told in chosen:
+        server.enrolments.clear()
+        phones = World(free_port, carrying=carrying)
+        phones.start()
+        try:
+            wait_until(lambda: server.enrolments, 15, "an enrolment")
+        finally:
+            phones.stop()
+        assert server.enrolments[0]["carrying"] == told
 
 
 def test_phones_wait_for_a_gateway_that_starts_after_them(free_port: int) -> None:
