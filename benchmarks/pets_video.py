@@ -8,6 +8,7 @@ the same bytes. Run it with ``atrium bench pets-video``.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 from pathlib import Path
@@ -29,6 +30,7 @@ from shared.site import load_site
 
 __all__ = ["BARS", "EXPERIMENT", "add_arguments", "figures_of", "located_share", "main", "measure", "score_run"]
 
+SCENARIO = find_site("pets09").parent / "scenario.yaml"
 GATE = 1.0
 FRESH = 2.0
 BARS = {"mota": 0.75, "idf1": 0.65, "located_within_1m": 0.70, "replay_identical": 1.0}
@@ -112,16 +114,22 @@ def figures_of(run: PetsRun, truth: PetsTruth) -> tuple[dict[str, float | None],
     return figures, by_person, verdicts
 
 
-def phones_seed() -> int:
-    """Return the seed of the emulated phones and their radio world."""
-    settings = yaml.safe_load((find_site("pets09").parent / "simulator.yaml").read_text(encoding="utf-8"))
-    return int(settings["seed"])
+def phones_seed(scenario: Path = SCENARIO) -> int:
+    """Return the seed of the emulated phones and their radio world: the scenario's test seed, which services take."""
+    return int(yaml.safe_load(scenario.read_text(encoding="utf-8"))["seeds"]["test"])
 
 
-def measure(options: Options, progress: Progress) -> Figures:
-    """Play the clip through all services, draw, and return the figures by name."""
-    if options.seed != phones_seed():
-        raise ExperimentError(f"the phones of the shipped site have seed {phones_seed()}, not {options.seed}")
+def measure(options: Options, progress: Progress, scenario: Path = SCENARIO) -> Figures:
+    """Play the clip through all services, draw, and return the figures by name.
+
+    Args:
+        options: what was asked for.
+        progress: where to show how far it is.
+        scenario: whose phones follow the clip; the services read it from their environment.
+    """
+    if options.seed != (seed := phones_seed(scenario)):
+        raise ExperimentError(f"the phones of {scenario.name} have seed {seed}, not {options.seed}")
+    os.environ["ATRIUM_SCENARIO"] = str(scenario)
     progress.add_task("playing the clip at its own pace (two minutes)", total=None)
     truth = PetsTruth.load()
     with tempfile.TemporaryDirectory() as scratch:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from dataclasses import replace
 
@@ -19,9 +18,8 @@ HARSH = find_site("pets09").parent / "scenario-harsh.yaml"
 
 
 def run(options: Options, progress: Progress) -> Figures:
-    """Play the clip in the harsh world; the services read it from their environment."""
-    os.environ["ATRIUM_SCENARIO"] = str(HARSH)
-    return pets_video.measure(options, progress)
+    """Play the clip in the harsh world."""
+    return pets_video.measure(options, progress, HARSH)
 
 
 EXPERIMENT = replace(
