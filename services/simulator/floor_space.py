@@ -29,6 +29,7 @@ BODY = 0.12
 _CLEARANCES = (0.5, 0.42, 0.34)  # metres plans keep, the widest with which the floor stays in one piece
 _PORCH = 3.5  # metres outside a door that belong to the walk in and out
 _AT_EDGE = 0.6  # metres: a door nearer to the outline leads outside
+_ALLOWED = f"allowed: within {_AT_EDGE:g} m of the outline, or on the floor with leads_to; never in an obstacle"
 _NARROWEST = 0.8  # metres of a gap in the walls that people go through
 _WIDEST = 4.0  # metres of a long gap that are used
 _VIEW = 0.85  # metres from an exhibit to who looks at it
@@ -227,11 +228,14 @@ def _placed(name: str, plan: FloorPlan, door: Door) -> DoorPlace:
     point = shapely.Point(door.position)
     edge = plan.outline.exterior
     away = edge.distance(point)
+    where = f"doors: {door.id}: position {list(door.position)}"
+    if shapely.contains(plan.obstacles, point):
+        raise ValueError(f"{where} lies in an obstacle of floor {name}; {_ALLOWED}")
     if away > _AT_EDGE:
         if not shapely.covers(plan.outline, point):
-            raise ValueError(
-                f"doors: {door.id}: position {list(door.position)} is {away:.1f} m outside the outline of floor {name}"
-            )
+            raise ValueError(f"{where} is {away:.1f} m outside the outline of floor {name}; {_ALLOWED}")
+        if door.leads_to is None:
+            raise ValueError(f"{where} is {away:.1f} m inside the outline of floor {name}; {_ALLOWED}")
         return DoorPlace(door, np.array(door.position), np.zeros(2))
     if door.leads_to is not None:
         return DoorPlace(door, np.array(door.position), np.zeros(2))

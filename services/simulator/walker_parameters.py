@@ -35,7 +35,9 @@ class Door(Part):
 
     id: Identifier
     floor: Identifier
-    position: Point = Field(description="Middle of the opening, metres; within 0.6 m of the outline it leads outside.")
+    position: Point = Field(
+        description="Middle of the opening, metres; within 0.6 m of the outline it leads out, else it needs leads_to."
+    )
     width: Number = Field(1.6, ge=0.8, le=30, description="Metres; walls are open for as much.")
     leads_to: Identifier | None = Field(None, description="Door (of another floor) where who goes in here comes out.")
     seconds: Number = Field(15.0, ge=0, le=600, description="Time between the two doors, within 20 %.")

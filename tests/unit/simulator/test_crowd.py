@@ -414,6 +414,27 @@ def test_plans_nobody_could_walk_on_are_refused() -> None:
         Crowd({"f": FloorPlan.build(ring, [], [box(0.0, 1.5, 2.5, 3.0)])}, blocked, 1)
 
 
+@pytest.mark.parametrize(
+    ("position", "leads_to", "told"),
+    [
+        ((3.0, 3.6), None, r"\[3.0, 3.6\] lies in an obstacle of floor f; allowed: within 0.6 m of the outline, or"),
+        ((3.0, 3.6), "b", r"\[3.0, 3.6\] lies in an obstacle of floor f; allowed: "),
+        ((0.3, 9.0), None, r"\[0.3, 9.0\] lies in an obstacle of floor f; allowed: "),
+        ((7.5, 2.0), None, r"\[7.5, 2.0\] is 2.0 m inside the outline of floor f; allowed: .* with leads_to"),
+    ],
+)
+def test_nobody_appears_in_an_exhibit_or_in_the_middle_of_the_hall(
+    position: tuple[float, float], leads_to: str | None, told: str
+) -> None:
+    plan = FloorPlan.build(box(0, 0, 15, 16), [], [*EXHIBITS, box(-1, 8, 2, 2)])
+    gate, other = (
+        Door(id="b", floor="f", position=(15, 8)),
+        Door(id="a", floor="f", position=position, leads_to=leads_to),
+    )
+    with pytest.raises(ValueError, match=f"doors: a: position {told}"):
+        Crowd({"f": plan}, WalkerParameters(pool=5, present=(1, 3), doors=[gate, other]), 1)
+
+
 def test_a_full_house_that_nobody_may_leave_still_walks() -> None:
     parameters = WalkerParameters(pool=6, present=(6, 6), visit=(5.0, 20.0))
     moved = walked(Crowd({"f": MUSEUM}, parameters, seed=1), 200.0)
