@@ -68,7 +68,7 @@ def record_world(
     """
     world = World(scenario, site, seed)
     until = math.ceil((scenario.duration if seconds is None else seconds) / BLOCK) * BLOCK
-    phones = {carrier.person: _phone(carrier.device, carrier.fleet.carrying, site) for carrier in world.carriers}
+    phones = {carrier.person: _phone(carrier.device, carrier.fleet.enrolled_as, site) for carrier in world.carriers}
     frames: dict[str, list[tuple[float, DetectionFrame]]] = defaultdict(list)
     area_of = {camera.id: camera.area for camera in site.cameras}
     told: list[tuple[float, RadioScan | MotionBatch]] = []
@@ -127,9 +127,9 @@ def watched(camera: Camera, points: Array) -> NDArray[np.bool_]:
     return seen
 
 
-def _phone(device: str, carrying: str, site: Site) -> Phone:
+def _phone(device: str, enrolled_as: str, site: Site) -> Phone:
     addresses = {address.lower(): point.id for point in site.access_points for address in point.addresses}
-    return Phone(device, addresses, site.north_radians, heading_known=carrying != "pocket")
+    return Phone(device, addresses, site.north_radians, heading_known=enrolled_as == "hand")
 
 
 def _body(batch: PhoneBatch, before: PhoneBatch | None, motion: bool) -> Batch | None:
