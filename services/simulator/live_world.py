@@ -66,6 +66,7 @@ class LiveWorld:
         self._report = report
         self._clock = clock
         self._begun = False
+        self._exists = 0.0  # world seconds made, as of the present delay
         self._in_time = 0
         self._heap: list[tuple[float, int, Happening]] = []
         self._order = itertools.count()
@@ -74,6 +75,14 @@ class LiveWorld:
     def now(self) -> float:
         """Return seconds since the epoch."""
         return self._clock() - self._epoch
+
+    def world_time(self, t: float) -> float:
+        """Return the world's second that is shown ``t`` seconds after the epoch: never one that is not made yet.
+
+        Until a late block is there the world stands still at its end; where that block begins, it goes on.
+        """
+        with self._lock:
+            return min(max(0.0, t - self.delay), self._exists)
 
     def play(self, stopping: threading.Event) -> Iterator[Arrival[Happening]]:
         """Yield what happens at the moment it happens, until ``stopping``, which ends it within a tenth of a second.
@@ -116,6 +125,7 @@ class LiveWorld:
         happenings += [(batch.arrival, batch) for batch in block.batches]
         happenings += [(truth.t, truth) for truth in truth_messages(self.world, block)]
         with self._lock:
+            self._exists = block.end
             for t, message in happenings:
                 heapq.heappush(self._heap, (t + self.delay, next(self._order), _put_off(message, self.delay)))
         return True
@@ -139,7 +149,8 @@ class LiveWorld:
                 self._report(None)
         if late > 0.0 and not self._tied:
             self._begun = True
-            self.delay += late
+            with self._lock:
+                self.delay += late
 
     def _overdue(self) -> float:
         with self._lock:

@@ -175,7 +175,7 @@ class Simulator(Service[SimulatorSettings]):
         people: People = world.people
         period = 1.0 / video.frames_per_s
         rendered, skipped = RENDERED.labels(camera.id), LATE.labels(camera.id)
-        number = 0
+        number, shown = 0, 0.0
         while not self.stopping.is_set():
             feed.someone_watches.wait(0.5)
             if not feed.someone_watches.is_set():
@@ -190,7 +190,8 @@ class Simulator(Service[SimulatorSettings]):
                 return
             t = number * period
             begun = time.perf_counter()
-            picture = renderer.frame(snapshot(people, max(0.0, t - live.delay), floor.id), t, number)
+            shown = max(shown, live.world_time(t))  # a frame drawn while a late block came in would step back by a hair
+            picture = renderer.frame(snapshot(people, shown, floor.id), t, number)
             good, jpeg = cv2.imencode(".jpg", picture, _JPEG)
             RENDER_TIME.observe(time.perf_counter() - begun)
             if good:

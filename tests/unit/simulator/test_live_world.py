@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from services.simulator import service
 from services.simulator.live_world import AHEAD, JUST_NOW, SLOW, SLOW_CLIP, WELL_AGAIN, LiveWorld
 from services.simulator.people import BLOCK
 from services.simulator.phone_batch import PhoneBatch
 from services.simulator.scenario_loading import load_scenario
+from services.simulator.service import Simulator
+from services.simulator.video_light import VideoParameters
+from services.simulator.video_server import FrameFeed
 from services.simulator.world import Arrival, World, WorldBlock
 from shared.messages import DetectionFrame
 from shared.truth import GroundTruth
@@ -36,10 +44,15 @@ class SlowWorld(World):
     """A world whose blocks take time on a machine's clock."""
 
     machine: Machine
+    meanwhile: Callable[[], None] = staticmethod(lambda: None)  # what others do while a block is made
 
     def next_block(self) -> WorldBlock:
-        self.machine.t += self.machine.block_takes
-        return super().next_block()
+        for _ in range(20):
+            self.machine.t += self.machine.block_takes / 20
+            self.meanwhile()
+        block = super().next_block()
+        self.meanwhile()
+        return block
 
 
 def live(machine: Machine, *, tied: bool = False) -> LiveWorld:
@@ -128,3 +141,43 @@ def test_what_nobody_takes_does_not_pile_up() -> None:
     seen = run(happening, machine, machine.t - EPOCH + 20.0)
     frames = [a.message.seq for _, a in seen if isinstance(a.message, DetectionFrame)]
     assert frames == list(range(len(frames)))
+
+
+def test_what_is_shown_of_a_slow_world_is_made_and_is_never_shown_again() -> None:
+    machine = Machine(block_takes=7.0)
+    happening = live(machine)
+    asked: list[float] = []
+
+    def look() -> None:
+        asked.append(happening.world_time(machine.t - EPOCH))
+        assert asked[-1] <= happening.world.made
+
+    assert isinstance(happening.world, SlowWorld)
+    happening.world.meanwhile = look
+    run(happening, machine, 70.0)
+    assert happening.delay > 15.0
+    assert (np.diff(asked) >= 0.0).all()
+    assert 40.0 < asked[-1] <= happening.world.made
+
+
+def test_a_rendered_camera_asks_for_no_second_that_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    machine = Machine()
+    happening = live(machine)
+    happening.make_ahead()
+    asked: list[float] = []
+    stopping = threading.Event()
+
+    def snapshot(people: object, t: float, floor: str) -> None:
+        asked.append(t)
+        if len(asked) == 3:
+            stopping.set()
+
+    renderer = SimpleNamespace(frame=lambda people, t, number: np.zeros((16, 16, 3), np.uint8))
+    monkeypatch.setattr(service, "HallRenderer", lambda *rest: renderer)
+    monkeypatch.setattr(service, "snapshot", snapshot)
+    feed = FrameFeed()
+    feed.someone_watches.set()
+    camera, simulator = happening.world.site.cameras[0], SimpleNamespace(stopping=stopping)
+    late = time.time() - 60.0  # a minute has gone by, and five seconds of world are there
+    Simulator._render(simulator, VideoParameters(frames_per_s=50), camera, feed, happening, late)  # type: ignore[arg-type]
+    assert asked == [BLOCK] * 3
