@@ -1,7 +1,8 @@
 """A camera of which only the detections are made: on the bus it looks like any other.
 
 It publishes every frame, tells how it is doing and that it lives, as a camera service would. While a fault keeps it
-off it says nothing at all, as a camera without power.
+off it publishes neither frames nor status, but its token of life stays: the process lives, as a camera service does
+whose camera hangs. Its frame numbers go on meanwhile, so that who counts them sees how many are missing.
 """
 
 from __future__ import annotations
