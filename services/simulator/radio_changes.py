@@ -14,7 +14,7 @@ Time = Annotated[Number, Field(ge=0, le=1e7, description="seconds since the worl
 
 
 class NewWall(Part):
-    """A wall (or a rack, a lorry, a stage) stands there from then on."""
+    """A wall (or a rack, a lorry, a stage) stands there from then on, for radio only: people and cameras ignore it."""
 
     at: Time
     kind: Literal["wall"]

@@ -18,6 +18,7 @@ from world_fingerprint import FILE, WORLDS, differences, fingerprint
 from services.simulator.phone_batch import PhoneBatch
 from services.simulator.scenario_file import Scenario
 from services.simulator.scenario_loading import load_scenario
+from services.simulator.scenario_reference import reference
 from services.simulator.world import World, WorldBlock, truth_messages
 from shared.messages import DetectionFrame
 
@@ -113,6 +114,16 @@ def test_more_phones_and_faults_change_nothing_about_what_cameras_see() -> None:
         return {frame.seq: frame for block in blocks for _, frame in block.frames}
 
     assert by_number(worse) == by_number(plain)
+
+
+def test_a_wall_built_on_the_way_is_there_for_radio_only_as_its_page_says() -> None:
+    wall = {"at": 1.0, "kind": "wall", "line": [[0.0, 6.2], [13.0, 6.2]], "floor": "ground", "loss": 40.0}
+    built = museum(radio=museum().radio.model_dump(mode="json", exclude_unset=True) | {"changes": [wall]})
+    before, after = digests(museum(), 5), digests(built, 5)
+    assert after[0] == before[0]  # what cameras see
+    assert after[1] != before[1]  # what phones hear
+    assert after[2] == before[2]  # where people are
+    assert "for radio only: people and cameras ignore it" in reference()
 
 
 def test_everything_arrives_in_order_and_nothing_before_it_was_measured() -> None:
