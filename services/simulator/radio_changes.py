@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import shapely
 from pydantic import Field, model_validator
 
 from shared.site.site_file import Identifier, Number, Part, Point, Point3, Site
 
-__all__ = ["MovedAccessPoint", "NewWall", "PowerChange", "RadioChange", "unknown_names"]
+__all__ = ["MovedAccessPoint", "NewWall", "PowerChange", "RadioChange", "far_away", "unknown_names"]
+
+AROUND = 20.0
+"""Metres around a floor's outline where walls and access points still matter to it."""
 
 Time = Annotated[Number, Field(ge=0, le=1e7, description="seconds since the world began")]
 
@@ -63,4 +67,28 @@ def unknown_names(changes: list[RadioChange], site: Site) -> list[str]:
         if name not in known:
             allowed = ", ".join(known) or "none"
             found.append(f"changes[{index}].{key}: {name!r} is not in the site file; it has: {allowed}")
+    return found
+
+
+def far_away(changes: list[RadioChange], site: Site) -> list[str]:
+    """Return one message for each of ``changes`` that is too far from its floor; unknown names are passed over."""
+    outlines = {floor.id: shapely.Polygon(floor.outline) for floor in site.floors}
+    floors = {point.id: point.floor for point in site.access_points}
+    found = []
+    for index, change in enumerate(changes):
+        places: list[tuple[str, tuple[float, ...]]]
+        if isinstance(change, NewWall):
+            floor, places = change.floor, [(f"line[{n}]", corner) for n, corner in enumerate(change.line)]
+        elif isinstance(change, MovedAccessPoint):
+            floor, places = floors.get(change.access_point, ""), [("position", change.position)]
+        else:
+            continue
+        for key, place in places if floor in outlines else []:
+            away = outlines[floor].distance(shapely.Point(place[:2]))
+            if away > AROUND:
+                found.append(
+                    f"changes[{index}].{key}: {list(place)} is {away:.1f} m outside the outline of floor {floor}; "
+                    f"allowed: up to {AROUND:g} m"
+                )
+                break
     return found

@@ -17,7 +17,8 @@ import shapely
 from numpy.typing import NDArray
 
 from services.simulator.faults import unknown_phones
-from services.simulator.radio_changes import unknown_names
+from services.simulator.people import People
+from services.simulator.radio_changes import far_away, unknown_names
 from services.simulator.scenario_file import FileView, RecordedPeople, Scenario
 from services.simulator.world import cameras_of, carriers_of, people_of
 from shared.part_file import PartFileError, read_part_file
@@ -31,6 +32,8 @@ LEAST_SEEN = 0.5
 FARTHEST = 60.0
 """Metres; nobody farther from a camera is seen."""
 CELL = 0.2
+ROWS = 500
+"""Times of a recorded file that are looked at together."""
 
 
 class ScenarioError(ValueError):
@@ -60,6 +63,10 @@ def load_scenario(path: str | Path, site_file: Path | None = None) -> tuple[Scen
         people = people_of(scenario, site, scenario.seeds.test)
     except ValueError as error:
         raise ScenarioError(f"{path}: people: {error}") from error
+    if isinstance(scenario.people, RecordedPeople):
+        problem = _never_there(scenario.people, scenario.duration, site, people)
+        if problem is not None:
+            raise ScenarioError(f"{path}: people.file: {problem}")
     wanted = sum(fleet.count for fleet in scenario.phones)
     if wanted > len(people.persons):
         raise ScenarioError(
@@ -176,18 +183,50 @@ def _people(scenario: Scenario, site: Site) -> Iterator[str]:
             yield f"people.walkers.doors[{number}].floor: {door.floor!r} is no floor; allowed: {', '.join(floors)}"
 
 
+def _never_there(recorded: RecordedPeople, duration: float, site: Site, people: People) -> str | None:
+    """Return why nobody of a recorded file would ever be on the floor; None where somebody is."""
+    rows = people.instants(-np.inf, np.inf)
+    times = rows[(rows >= 0.0) & (rows <= duration)]
+    if not len(times):
+        return (
+            f"the rows of {recorded.file.name} lie from {rows[0]:g} to {rows[-1]:g} s; "
+            f"allowed: some from 0 to the duration, {duration:g} s"
+        )
+    floor = site.floor(people.floors[0])
+    outline = shapely.Polygon(floor.outline)
+    nearest = np.inf
+    for first in range(0, len(times), ROWS):
+        moved = people.movement(times[first : first + ROWS])
+        nearest = min(
+            nearest, shapely.distance(outline, shapely.points(moved.position[moved.present])).min(initial=np.inf)
+        )
+        if nearest == 0.0:
+            return None
+    return (
+        f"nobody in {recorded.file.name} is ever on floor {floor.id}, the nearest row is {nearest:.1f} m outside its "
+        "outline; allowed: positions in metres on the site's plan"
+    )
+
+
 def _phones(scenario: Scenario, site: Site) -> Iterator[str]:
     names = Counter(fleet.name for fleet in scenario.phones)
     yield from (f"phones: the name {name!r} is used {count} times" for name, count in names.items() if count > 1)
     kinds = {point.kind for point in site.access_points}
+    named = {point.kind for point in site.access_points if point.addresses}
     for number, fleet in enumerate(scenario.phones):
         for kind in sorted(set(fleet.hears) - kinds):
             has = ", ".join(sorted(kinds)) or "none"
             yield f"phones[{number}].{kind}: nobody here sends {kind}; access points of site {site.site}: {has}"
+        for kind in sorted(set(fleet.hears) & kinds - named):
+            yield (
+                f"phones[{number}].{kind}: phones would hear nobody: addresses is empty for every {kind} access point "
+                f"of site {site.site}; allowed: one or more"
+            )
 
 
 def _changes(scenario: Scenario, site: Site) -> Iterator[str]:
-    yield from (f"radio.{problem}" for problem in unknown_names(scenario.radio.changes, site))
+    changes = scenario.radio.changes
+    yield from (f"radio.{problem}" for problem in [*unknown_names(changes, site), *far_away(changes, site)])
 
 
 def _faults(scenario: Scenario, site: Site) -> Iterator[str]:

@@ -103,6 +103,17 @@ def test_the_example_is_right(tmp_path: Path) -> None:
         ("phones.0.wifi", {"kind": "regular", "every": -1}, "phones[0].wifi.every: "),
         ("radio", {"noise_sigma": -2}, "radio.noise_sigma: "),
         ("radio", {"changes": [{"at": 5, "kind": "power", "access_point": "ap-9", "by": 3}]}, "ap-9"),
+        (
+            "radio",
+            {"changes": [{"at": 5, "kind": "moved", "access_point": "ap-1", "position": [900, 900, 3]}]},
+            "radio.changes[0].position: [900.0, 900.0, 3.0] is 1260.1 m outside the outline of floor ground; allowed: "
+            "up to 20 m",
+        ),
+        (
+            "radio",
+            {"changes": [{"at": 5, "kind": "wall", "line": [[5, 5], [900, 900], [901, 900]], "floor": "ground"}]},
+            "radio.changes[0].line[1]: [900.0, 900.0] is 1260.1 m outside the outline of floor ground; allowed: up to",
+        ),
         ("faults", [{"kind": "camera-off", "camera": "attic", "start": 1, "end": 2}], "faults[0].camera: 'attic'"),
         ("faults", [{"kind": "camera-off", "camera": "all"}], "'all' is no camera; allowed: lobby, or '*' for all"),
         ("faults", [{"kind": "camera-off", "camera": "a b"}], "faults[0].camera: must be a camera of the site, or '*'"),
@@ -142,8 +153,53 @@ def test_a_fault_of_every_camera_and_phone_is_right(tmp_path: Path) -> None:
     assert [getattr(fault, "phone", None) for fault in scenario.faults] == [None, "*", "*"]
 
 
+def test_walls_and_access_points_may_change_a_little_way_outside(tmp_path: Path) -> None:
+    changes = [
+        {"at": 5, "kind": "moved", "access_point": "ap-1", "position": [-15, 4, 3]},
+        {"at": 5, "kind": "wall", "line": [[5, 5], [5, 25]], "floor": "ground"},
+    ]
+    assert load_scenario(written(tmp_path, changed(SCENARIO, "radio", {"changes": changes})))
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        (
+            [(700, 1, 2, 2), (701, 1, 3, 2)],
+            "people.file: the rows of walk.csv lie from 700 to 701 s; allowed: some from 0",
+        ),
+        (
+            [(-9, 1, 2, 2), (-8, 1, 3, 2)],
+            "the rows of walk.csv lie from -9 to -8 s; allowed: some from 0 to the duration",
+        ),
+        (
+            [(5, 1, 2, -90), (6, 1, 3, -90), (5, 2, 44, 4), (6, 2, 45, 4), (70, 1, 2, 2)],
+            "people.file: nobody in walk.csv is ever on floor ground, the nearest row is 34.0 m outside its outline",
+        ),
+    ],
+)
+def test_recorded_people_nobody_would_ever_meet_are_told(
+    tmp_path: Path, rows: list[tuple[float, ...]], told: str
+) -> None:
+    table = tmp_path / "walk.csv"
+    scenario = changed(SCENARIO, "people", {"kind": "recorded", "file": "walk.csv"})
+    path = written(tmp_path, changed(scenario, "phones.0.count", 1))
+    table.write_text("t,id,x,y\n" + "\n".join(",".join(map(str, row)) for row in rows))
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(path)
+    assert told in str(caught.value)
+    assert str(caught.value).startswith(f"{path}: people.file: ")
+    assert len(str(caught.value).splitlines()) == 1
+    table.write_text(table.read_text() + "\n59,3,5,2\n60,3,6,2")
+    load_scenario(path)
+
+
 def turned_to_the_sky(site: dict[str, Any]) -> dict[str, Any]:
     return changed(site, "cameras.0.geometry.look_at", [5, -60, 4])
+
+
+def nameless(site: dict[str, Any]) -> dict[str, Any]:
+    return changed(site, "access_points.0.addresses", [])
 
 
 def wall_through_the_case(site: dict[str, Any]) -> dict[str, Any]:
@@ -154,6 +210,7 @@ def wall_through_the_case(site: dict[str, Any]) -> dict[str, Any]:
     ("spoil", "told"),
     [
         (wall_through_the_case, "floors[0].walls[0]: the wall runs through obstacle 'case'"),
+        (nameless, "phones[0].wifi: phones would hear nobody: addresses is empty for every wifi access point"),
         (turned_to_the_sky, "camera lobby sees 0.00 m² of floor ground; allowed: 0.5 or more"),
     ],
 )
