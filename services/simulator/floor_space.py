@@ -7,7 +7,7 @@ are pushed nearer by others only.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -17,10 +17,10 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from services.simulator.walker_parameters import Door
+from services.simulator.walker_parameters import Door, WalkerParameters
 from shared.site import FloorPlan
 
-__all__ = ["BODY", "DoorPlace", "FloorSpace"]
+__all__ = ["BODY", "DoorPlace", "FloorSpace", "spaces_of"]
 
 Array = NDArray[np.float64]
 
@@ -197,6 +197,23 @@ class FloorSpace:
             owner += len(places) > before
         shape = (len(places), 2)
         return np.array(places).reshape(shape), np.array(looks).reshape(shape), np.array(owners, np.int64)
+
+
+def spaces_of(plans: Mapping[str, FloorPlan], parameters: WalkerParameters) -> dict[str, FloorSpace]:
+    """Return the floors of a site for walkers, by id.
+
+    Raises:
+        ValueError: there is none, nobody could walk or come in on one, or a door is where none can be.
+    """
+    if not plans:
+        raise ValueError("a crowd needs at least one floor")
+    for door in parameters.doors:
+        if door.floor not in plans:
+            raise ValueError(f"doors: {door.id}: there is no floor {door.floor!r}; the site has: {', '.join(plans)}")
+    return {
+        name: FloorSpace(name, plan, [door for door in parameters.doors if door.floor == name], not parameters.doors)
+        for name, plan in plans.items()
+    }
 
 
 def _shrunk(plan: FloorPlan, walls: shapely.Geometry, space: shapely.Geometry, margin: float) -> shapely.Polygon:
