@@ -23,8 +23,8 @@ from benchmarks.pets_truth import FRAMES, FRAMES_PER_S, PetsTruth
 from services.camera.pipeline import Pipeline, to_message
 from services.camera.sources import open_source
 from services.cli.demo import find_site
-from services.simulator.detections import DetectionModel, DetectionParameters
-from services.simulator.trajectories import Trajectories
+from services.simulator.cameras.detections import DetectionModel, DetectionParameters
+from services.simulator.crowd.trajectories import Trajectories
 from shared.messages import DetectionFrame, positions
 from shared.settings import data_folder
 from shared.site import Camera, Site, load_site

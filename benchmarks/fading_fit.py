@@ -2,7 +2,7 @@
 
 Rendered people walk in, stand (and fidget) for up to minutes, and leave, before the camera service's own foreground
 detector at five learning rates and in two views. What it finds against time is the truth to which the law of
-``services.simulator.fading`` is fitted. Run it with ``atrium bench fading-fit``; the picture goes to docs/pictures.
+``services.simulator.cameras.fading`` is fitted. Run it with ``atrium bench fading-fit``; it draws into docs/pictures.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from scipy.special import expit
 
 from benchmarks.experiment import Experiment, Options, in_parallel
 from services.camera.foreground import ForegroundDetector, ForegroundOptions
-from services.simulator.fading import FadingLaw, imprint_after
+from services.simulator.cameras.fading import FadingLaw, imprint_after
 from services.simulator.people import Snapshot
-from services.simulator.rendering import HallRenderer
 from services.simulator.seeds import generator
+from services.simulator.video.rendering import HallRenderer
 from shared.site import CameraGeometry, Floor
 
 __all__ = ["EXPERIMENT", "RATES", "VIEWS", "Clip", "fit_law", "half_time", "main", "measure", "observe", "run"]
@@ -258,7 +258,7 @@ EXPERIMENT = Experiment(
         "Six rendered people at a time walk in, stand and fidget for 0.7 to 3.2 times 1 / rate, and leave; 320 x 240 "
         "pixels, an oblique view from 5.5 m and a steep one from 9 m, two seeds each, five learning rates. The camera "
         "service's own foreground detector looks at them; somebody counts as found while a detection lies within 0.9 m "
-        "of their place. The simulator's detections (`services/simulator/fading.py`) use the fitted constants. "
+        "of their place. The simulator's detections (`services/simulator/cameras/fading.py`) use the fitted constants. "
         "`half_time_s_R`: when half the people are no longer found at R per second, `law_…` by the fitted law; "
         "`fade_error`, `ghost_error`: root mean square difference between the shares measured and the law's, over "
         "twentieths of imprint."

@@ -18,7 +18,7 @@ from benchmarks.office_survey import Surveyor, reference_points
 from benchmarks.position_error import error_cdf
 from benchmarks.world_record import WorldRecord
 from benchmarks.world_run import load, record_world
-from services.simulator.radio_world import RadioWorld
+from services.simulator.radio.radio_world import RadioWorld
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

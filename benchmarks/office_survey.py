@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.baselines.survey import Survey
-from services.simulator.radio_world import PhoneRadio, RadioWorld
+from services.simulator.radio.radio_world import PhoneRadio, RadioWorld
 from shared.site import Site
 
 __all__ = ["CORRIDORS", "SPACING", "ReferencePoints", "Surveyor", "reference_points"]

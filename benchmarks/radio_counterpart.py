@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from benchmarks.radio_recordings import Readings
 from benchmarks.radio_residuals import PathLossFit, path_loss_line
-from services.simulator.radio_world import PHONE_HEIGHT, RadioParameters, RadioWorld
-from services.simulator.wall_loss import Barriers
+from services.simulator.radio.radio_world import PHONE_HEIGHT, RadioParameters, RadioWorld
+from services.simulator.radio.wall_loss import Barriers
 from shared.site import AccessPoint, Site
 from shared.site.site_file import Area, Floor
 

@@ -34,7 +34,7 @@ from benchmarks.radio_residuals import (
     rest,
     wall_effect,
 )
-from services.simulator.radio_world import RadioParameters
+from services.simulator.radio.radio_world import RadioParameters
 from shared.settings import data_folder
 
 __all__ = ["EXPERIMENT", "look_at_points", "look_at_walks", "main", "measure"]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from benchmarks.radio_recordings import Readings
-from services.simulator.wall_loss import Barriers
+from services.simulator.radio.wall_loss import Barriers
 
 __all__ = [
     "BINS",

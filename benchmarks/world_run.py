@@ -20,8 +20,8 @@ from services.gateway.batch_check import Limits
 from services.gateway.phone import Phone
 from services.gateway.protocol import Batch
 from services.simulator.people import BLOCK
-from services.simulator.phone_batch import PhoneBatch
-from services.simulator.posting import body_of
+from services.simulator.phones.phone_batch import PhoneBatch
+from services.simulator.phones.posting import body_of
 from services.simulator.scenario_file import Scenario
 from services.simulator.scenario_loading import load_scenario, seen_floor
 from services.simulator.world import World

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from benchmarks.baselines.survey import Survey
-from services.simulator.radio_world import RadioWorld
+from services.simulator.radio.radio_world import RadioWorld
 from services.simulator.scenario_file import Scenario
 from shared.site import Site
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from services.fusion.area_view import AreaView
 from services.fusion.chunks import PERIOD, Chunker
 from services.fusion.tracker import Chunk
-from services.simulator.radio_world import RadioWorld
+from services.simulator.radio.radio_world import RadioWorld
 from shared.messages import DetectionFrame, MotionBatch, RadioScan, TrackFrame
 from shared.site import Site, load_site
 

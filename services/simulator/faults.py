@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from services.simulator.phone_batch import ClockJump, Inertial, PhoneBatch
+from services.simulator.phones.phone_batch import ClockJump, Inertial, PhoneBatch
 from shared.keys import is_identifier
 from shared.messages import DetectionFrame
 from shared.site.site_file import Number, Part

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 import msgspec
 
 from services.simulator.people import BLOCK
-from services.simulator.phone_batch import PhoneBatch
+from services.simulator.phones.phone_batch import PhoneBatch
 from services.simulator.world import Arrival, World, WorldBlock, truth_messages
 from shared.messages import DetectionFrame
 from shared.truth import GroundTruth

@@ -10,14 +10,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from services.simulator.crowd import WalkerParameters
-from services.simulator.detection_files import FileDetectionParameters
-from services.simulator.detection_parameters import DetectionParameters
+from services.simulator.cameras.detection_files import FileDetectionParameters
+from services.simulator.cameras.detection_parameters import DetectionParameters
+from services.simulator.crowd.crowd import WalkerParameters
 from services.simulator.faults import Fault
-from services.simulator.fleet import FleetParameters
-from services.simulator.magnetic import MagneticParameters
-from services.simulator.radio_world import RadioParameters
-from services.simulator.video_light import VideoParameters
+from services.simulator.phones.fleet import FleetParameters
+from services.simulator.phones.magnetic import MagneticParameters
+from services.simulator.radio.radio_world import RadioParameters
+from services.simulator.video.video_light import VideoParameters
 from shared.site.site_file import Identifier, Number, Part, SitePath
 
 __all__ = ["DetectedView", "FileView", "RecordedPeople", "RenderedView", "Scenario", "Seeds", "View", "WalkingPeople"]

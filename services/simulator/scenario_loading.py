@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from services.simulator.faults import unknown_phones
 from services.simulator.people import People
-from services.simulator.radio_changes import far_away, unknown_names
+from services.simulator.radio.radio_changes import far_away, unknown_names
 from services.simulator.scenario_file import FileView, RecordedPeople, Scenario
 from services.simulator.world import cameras_of, carriers_of, people_of
 from shared.part_file import PartFileError, read_part_file

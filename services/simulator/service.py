@@ -18,16 +18,16 @@ import msgspec
 import structlog
 from prometheus_client import Counter, Histogram
 
+from services.simulator.cameras.twin_camera import TwinCamera
 from services.simulator.live_world import LiveWorld
 from services.simulator.people import People, snapshot
-from services.simulator.phones import Phones
-from services.simulator.rendering import HallRenderer
+from services.simulator.phones.phones import Phones
 from services.simulator.scenario_file import RecordedPeople, RenderedView, Scenario
 from services.simulator.scenario_loading import ScenarioError, load_scenario
 from services.simulator.settings import SimulatorSettings
-from services.simulator.twin_camera import TwinCamera
-from services.simulator.video_light import VideoParameters
-from services.simulator.video_server import FrameFeed, video_app
+from services.simulator.video.rendering import HallRenderer
+from services.simulator.video.video_light import VideoParameters
+from services.simulator.video.video_server import FrameFeed, video_app
 from services.simulator.world import World, cameras_of
 from shared.http_server import serve
 from shared.messages import CameraStatus, DetectionFrame

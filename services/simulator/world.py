@@ -15,18 +15,18 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from services.simulator.crowd import Crowd
-from services.simulator.detection_files import FileDetections
-from services.simulator.detections import DetectionModel
+from services.simulator.cameras.detection_files import FileDetections
+from services.simulator.cameras.detections import DetectionModel
+from services.simulator.crowd.crowd import Crowd
+from services.simulator.crowd.trajectories import Trajectories
 from services.simulator.faults import CameraFaults, PhoneFaults
-from services.simulator.fleet import FleetParameters
-from services.simulator.magnetic import MagneticField
 from services.simulator.people import BLOCK, Movement, People
-from services.simulator.phone import EmulatedPhone
-from services.simulator.phone_batch import PhoneBatch
-from services.simulator.radio_world import RadioWorld
+from services.simulator.phones.fleet import FleetParameters
+from services.simulator.phones.magnetic import MagneticField
+from services.simulator.phones.phone import EmulatedPhone
+from services.simulator.phones.phone_batch import PhoneBatch
+from services.simulator.radio.radio_world import RadioWorld
 from services.simulator.scenario_file import DetectedView, FileView, RecordedPeople, RenderedView, Scenario
-from services.simulator.trajectories import Trajectories
 from shared.messages import DetectionFrame
 from shared.site import Camera, Site
 from shared.truth import GroundTruth

@@ -15,8 +15,8 @@ from typing import IO, cast
 
 import msgspec
 
-from services.simulator.phone_batch import PhoneBatch
-from services.simulator.posting import body_of
+from services.simulator.phones.phone_batch import PhoneBatch
+from services.simulator.phones.posting import body_of
 from services.simulator.world import World, WorldBlock, truth_messages
 from shared.messages import DetectionFrame
 from shared.truth import GroundTruth

@@ -132,7 +132,7 @@ def test_a_missing_trajectory_file_ends_the_process_with_one_line(tmp_path: Path
 
 
 def test_pets_people_with_phones_are_the_six_longest_in_view(project: Path, data_folder: Path) -> None:
-    from services.simulator.trajectories import Trajectories
+    from services.simulator.crowd.trajectories import Trajectories
 
     people = Trajectories.from_mot(data_folder / "pets09-s2l1" / "gt" / "gt.txt", "ground")
     assert people.longest_present(6) == ["1", "9", "13", "11", "12", "2"]

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.fading_fit import observe
 from benchmarks.result import read_figures
-from services.simulator.fading import FITTED, FadingLaw
+from services.simulator.cameras.fading import FITTED, FadingLaw
 
 
 def test_the_constants_of_the_simulator_are_the_stored_ones() -> None:

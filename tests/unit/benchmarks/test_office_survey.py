@@ -11,7 +11,7 @@ from benchmarks.office import static_rmse, walking_errors
 from benchmarks.office_survey import CORRIDORS, SPACING, Surveyor, reference_points
 from benchmarks.world_record import Truth, WorldRecord
 from benchmarks.world_run import load
-from services.simulator.radio_world import RadioWorld
+from services.simulator.radio.radio_world import RadioWorld
 from shared.messages import RadioScan
 
 

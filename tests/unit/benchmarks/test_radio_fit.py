@@ -25,7 +25,7 @@ from benchmarks.radio_residuals import (
     wall_effect,
 )
 from benchmarks.spreadsheet import read_sheets
-from services.simulator.radio_world import RadioParameters
+from services.simulator.radio.radio_world import RadioParameters
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from benchmarks.twin_scores import TwinScores, figures_of
 from benchmarks.world_record import Truth, WorldRecord
 from benchmarks.world_run import EPOCH, load, record_world, with_access_points
 from benchmarks.world_survey import survey_world
-from services.simulator.fleet import Flushes
-from services.simulator.radio_changes import PowerChange
+from services.simulator.phones.fleet import Flushes
+from services.simulator.radio.radio_changes import PowerChange
 from shared.messages import DetectionFrame, RadioScan
 
 SCENARIO, SITE = load("museum")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from services.simulator.carrying import Carried, Carrying, CarryingParameters, Habit
+from services.simulator.phones.carrying import Carried, Carrying, CarryingParameters, Habit
 
 RATE = 50
 

@@ -12,10 +12,10 @@ import pytest
 import shapely
 from pydantic import ValidationError
 
-from services.simulator.crowd import STEP, Crowd, Door, WalkerParameters
+from services.simulator.crowd.crowd import STEP, Crowd, Door, WalkerParameters
+from services.simulator.crowd.trajectories import Trajectories
+from services.simulator.crowd.walking_speeds import walking_speeds
 from services.simulator.people import Movement
-from services.simulator.trajectories import Trajectories
-from services.simulator.walking_speeds import walking_speeds
 from shared.site import FloorPlan, load_site
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -274,7 +274,7 @@ _DIGEST = """
 import hashlib, sys, numpy as np
 sys.path.insert(0, {tests!r})
 from test_crowd import MUSEUM, SITE, VISITORS, WORKERS, TWO_FLOORS, STAIRS
-from services.simulator.crowd import Crowd, WalkerParameters
+from services.simulator.crowd.crowd import Crowd, WalkerParameters
 if {before}:
     Crowd({{"f": SITE}}, WORKERS, 99).movement(np.array([40.0]))
 people = Crowd({plans}, {parameters}, seed=8)

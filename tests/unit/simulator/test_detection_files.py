@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.simulator.detection_files import DetectionFileError, FileDetectionParameters, FileDetections
+from services.simulator.cameras.detection_files import DetectionFileError, FileDetectionParameters, FileDetections
 from shared.messages import covariances, positions
 from shared.site import Camera, Source
 from shared.site.site_file import PoseGeometry

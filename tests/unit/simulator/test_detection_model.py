@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from services.simulator.detections import DetectionModel, DetectionParameters
-from services.simulator.fading import FITTED
+from services.simulator.cameras.detections import DetectionModel, DetectionParameters
+from services.simulator.cameras.fading import FITTED
 from services.simulator.people import Movement
 from shared.messages import DetectionFrame, covariances, positions
 from shared.site import Camera, Floor, Source

@@ -7,10 +7,10 @@ import pytest
 from pydantic import ValidationError
 from walking_people import WalkingPeople
 
-from services.simulator.magnetic import MagneticField, MagneticParameters
-from services.simulator.phone import EmulatedPhone, FleetParameters, PhoneBatch, PhoneClock
-from services.simulator.posting import body_of
-from services.simulator.radio_world import RadioParameters, RadioWorld
+from services.simulator.phones.magnetic import MagneticField, MagneticParameters
+from services.simulator.phones.phone import EmulatedPhone, FleetParameters, PhoneBatch, PhoneClock
+from services.simulator.phones.posting import body_of
+from services.simulator.radio.radio_world import RadioParameters, RadioWorld
 from shared.site import Site, load_site
 
 EPOCH = 1_700_000_000.0

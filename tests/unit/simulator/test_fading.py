@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.simulator.fading import FITTED, Imprints, imprint_after
+from services.simulator.cameras.fading import FITTED, Imprints, imprint_after
 
 RATES = st.floats(0.001, 1.0)
 SECONDS = st.floats(0.0, 2000.0)

@@ -8,7 +8,7 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from services.simulator.faults import CameraFaults, Fault, PhoneFaults
-from services.simulator.phone_batch import Inertial, PhoneBatch, PhoneClock, PhoneScan
+from services.simulator.phones.phone_batch import Inertial, PhoneBatch, PhoneClock, PhoneScan
 from shared.messages import DetectionFrame
 
 FAULTS: TypeAdapter[list[Fault]] = TypeAdapter(list[Fault])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from services.simulator.carrying import Carrying, CarryingParameters
-from services.simulator.gait import GRAVITY, InertialSamples, PhoneSensors, SensorParameters
+from services.simulator.phones.carrying import Carrying, CarryingParameters
+from services.simulator.phones.gait import GRAVITY, InertialSamples, PhoneSensors, SensorParameters
 
 RATE = 50
 NORTH = math.pi / 2

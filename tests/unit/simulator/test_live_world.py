@@ -15,11 +15,11 @@ import pytest
 from services.simulator import service
 from services.simulator.live_world import AHEAD, JUST_NOW, SLOW, SLOW_CLIP, WELL_AGAIN, LiveWorld
 from services.simulator.people import BLOCK
-from services.simulator.phone_batch import PhoneBatch
+from services.simulator.phones.phone_batch import PhoneBatch
 from services.simulator.scenario_loading import load_scenario
 from services.simulator.service import Simulator
-from services.simulator.video_light import VideoParameters
-from services.simulator.video_server import FrameFeed
+from services.simulator.video.video_light import VideoParameters
+from services.simulator.video.video_server import FrameFeed
 from services.simulator.world import Arrival, World, WorldBlock
 from shared.messages import DetectionFrame
 from shared.truth import GroundTruth

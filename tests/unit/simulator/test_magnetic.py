@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from services.simulator.magnetic import MagneticField, MagneticParameters
+from services.simulator.phones.magnetic import MagneticField, MagneticParameters
 from shared.site import Site
 
 

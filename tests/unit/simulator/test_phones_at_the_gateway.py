@@ -12,12 +12,12 @@ from services.gateway.batch_check import Limits
 from services.gateway.dead_reckoning import DeadReckoner, InertialSamples
 from services.gateway.phone import Phone
 from services.gateway.protocol import Batch
-from services.simulator.carrying import Carrying
 from services.simulator.faults import DuplicateBatches, PhoneClockFault, PhoneFaults, SwappedBatches
-from services.simulator.magnetic import MagneticField, MagneticParameters
-from services.simulator.phone import EmulatedPhone, FleetParameters, PhoneBatch
-from services.simulator.posting import body_of
-from services.simulator.radio_world import RadioParameters, RadioWorld
+from services.simulator.phones.carrying import Carrying
+from services.simulator.phones.magnetic import MagneticField, MagneticParameters
+from services.simulator.phones.phone import EmulatedPhone, FleetParameters, PhoneBatch
+from services.simulator.phones.posting import body_of
+from services.simulator.radio.radio_world import RadioParameters, RadioWorld
 from shared.messages import MotionBatch, RadioScan
 from shared.site import Site, load_site
 

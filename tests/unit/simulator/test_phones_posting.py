@@ -14,11 +14,11 @@ import pytest
 from waiting import wait_until
 from walking_people import WalkingPeople
 
-from services.simulator.carrying import Carrying
-from services.simulator.magnetic import MagneticField, MagneticParameters
-from services.simulator.phone import EmulatedPhone, FleetParameters, PhoneBatch
-from services.simulator.phones import Phones
-from services.simulator.radio_world import RadioParameters, RadioWorld
+from services.simulator.phones.carrying import Carrying
+from services.simulator.phones.magnetic import MagneticField, MagneticParameters
+from services.simulator.phones.phone import EmulatedPhone, FleetParameters, PhoneBatch
+from services.simulator.phones.phones import Phones
+from services.simulator.radio.radio_world import RadioParameters, RadioWorld
 from shared.site import load_site
 
 SITE = load_site(Path(__file__).resolve().parents[3] / "deploy/sites/hall/site.yaml")
@@ -190,7 +190,7 @@ def test_phones_outlive_answers_that_are_none(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A captive portal, a proxy's page, another version: nothing of it ends the phones or costs a batch."""
-    monkeypatch.setattr("services.simulator.phones._LONGEST_PAUSE", 0.1)
+    monkeypatch.setattr("services.simulator.phones.phones._LONGEST_PAUSE", 0.1)
     enrolled, *answer = nonsense
     reports: list[str | None] = []
     phones = World(free_port, reports=reports)
@@ -225,7 +225,7 @@ def test_a_mistake_that_ends_the_phones_is_reported_and_the_world_goes_on(
     def mistaken(*_: object) -> None:
         raise AttributeError("a bug")
 
-    monkeypatch.setattr("services.simulator.phones.body_of", mistaken)
+    monkeypatch.setattr("services.simulator.phones.phones.body_of", mistaken)
     phones.start()
     try:
         phones.follow(time.time())

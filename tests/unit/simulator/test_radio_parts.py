@@ -10,10 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from services.simulator.radio_fading import Fading, rice_mean
-from services.simulator.scan_schedule import AdvertScans, RegularScans, ScanSchedule, ScanTimes, ThrottledScans, reports
-from services.simulator.shadowing import Lattice, ShadowingField, TabulatedFields
-from services.simulator.wall_loss import Barriers, LinkLoss, crossings
+from services.simulator.radio.radio_fading import Fading, rice_mean
+from services.simulator.radio.scan_schedule import (
+    AdvertScans,
+    RegularScans,
+    ScanSchedule,
+    ScanTimes,
+    ThrottledScans,
+    reports,
+)
+from services.simulator.radio.shadowing import Lattice, ShadowingField, TabulatedFields
+from services.simulator.radio.wall_loss import Barriers, LinkLoss, crossings
 from shared.site import FloorPlan
 
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from services.simulator.radio_world import RadioParameters, RadioWorld
+from services.simulator.radio.radio_world import RadioParameters, RadioWorld
 from shared.site import Site, load_site
 
 Array = NDArray[np.float64]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from services.simulator.people import Snapshot
-from services.simulator.rendering import HallRenderer, VideoParameters
 from services.simulator.seeds import generator
-from services.simulator.video_light import Light
+from services.simulator.video.rendering import HallRenderer, VideoParameters
+from services.simulator.video.video_light import Light
 from shared.site import CameraGeometry, Floor, Site, load_site
 
 PERSONS = ("a", "b", "c")

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from services.simulator.stride import Stride, StrideParameters, StrideRhythm
+from services.simulator.phones.stride import Stride, StrideParameters, StrideRhythm
 
 seeds = st.integers(0, 10_000)
 

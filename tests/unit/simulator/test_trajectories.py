@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from services.simulator.crowd.trajectories import LINGER, Trajectories, TrajectoryError
 from services.simulator.people import Movement, snapshot
-from services.simulator.trajectories import LINGER, Trajectories, TrajectoryError
 
 
 def motion_of(people: Trajectories, person: str, times: np.ndarray) -> Movement:

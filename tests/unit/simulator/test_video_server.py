@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from waiting import wait_until
 
-from services.simulator.video_server import FrameFeed, video_app
+from services.simulator.video.video_server import FrameFeed, video_app
 from shared.http_server import serve
 
 

@@ -10,9 +10,9 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from services.simulator.merging import leaders, near_pairs
-from services.simulator.visibility import BODY_RADIUS, StaticView, hidden_by_others, project_bodies
-from services.simulator.wandering import Episodes, Wander
+from services.simulator.cameras.merging import leaders, near_pairs
+from services.simulator.cameras.visibility import BODY_RADIUS, StaticView, hidden_by_others, project_bodies
+from services.simulator.cameras.wandering import Episodes, Wander
 from shared.site import CameraGeometry, Floor
 from shared.site.site_file import Obstacle
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from world_fingerprint import FILE, WORLDS, differences, fingerprint
 
-from services.simulator.phone_batch import PhoneBatch
+from services.simulator.phones.phone_batch import PhoneBatch
 from services.simulator.scenario_file import Scenario
 from services.simulator.scenario_loading import load_scenario
 from services.simulator.scenario_reference import reference

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from services.simulator.phone_batch import PhoneBatch
+from services.simulator.phones.phone_batch import PhoneBatch
 
 __all__ = ["body_of"]
 

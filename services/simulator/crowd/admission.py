@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from services.simulator.crowd.walker_parameters import WalkerParameters
 from services.simulator.seeds import generator
-from services.simulator.walker_parameters import WalkerParameters
 
 __all__ = ["Admission"]
 

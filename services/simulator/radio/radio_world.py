@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from services.simulator.radio_changes import MovedAccessPoint, NewWall, PowerChange, RadioChange, unknown_names
-from services.simulator.radio_fading import Drift, Fading
+from services.simulator.radio.radio_changes import MovedAccessPoint, NewWall, PowerChange, RadioChange, unknown_names
+from services.simulator.radio.radio_fading import Drift, Fading
+from services.simulator.radio.shadowing import Lattice, ShadowingField, TabulatedFields
+from services.simulator.radio.wall_loss import Barriers, LinkLoss
 from services.simulator.seeds import generator
-from services.simulator.shadowing import Lattice, ShadowingField, TabulatedFields
-from services.simulator.wall_loss import Barriers, LinkLoss
 from shared.site import AccessPoint, Site
 from shared.site.site_file import Number, Part
 

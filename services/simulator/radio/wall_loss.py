@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from services.simulator.shadowing import Lattice
+from services.simulator.radio.shadowing import Lattice
 from shared.site import FloorPlan
 
 __all__ = ["Barriers", "LinkLoss", "crossings"]

@@ -1,8 +1,8 @@
 """What do a walking person's phone sensors read? Accelerometer, gyroscope and compass in the phone's own axes.
 
 The phone's attitude is a chain of rotations: where the body faces, how thigh or hand swing, how the phone is held
-(``services.simulator.carrying``). The gyroscope is the difference of successive attitudes, so that integrating it gives
-the attitude back; accelerometer and compass are the world's vectors seen from it. In the hand: vertical and forward
+(``phones.carrying``). The gyroscope is the difference of successive attitudes, so that integrating it gives the
+attitude back; accelerometer and compass are the world's vectors seen from it. In the hand: vertical and forward
 harmonics of the step, sideways at the stride [self-calibrating-rss-thesis §3.5]. In the pocket: the thigh's pendulum
 [nonvisual-visual-fusion-dissertation §8].
 """
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.signal import butter, lfilter
 
-from services.simulator.carrying import Carried, Carrying, CarryingParameters, Habit
-from services.simulator.stride import Steps, Stride, StrideParameters, StrideRhythm
+from services.simulator.phones.carrying import Carried, Carrying, CarryingParameters, Habit
+from services.simulator.phones.stride import Steps, Stride, StrideParameters, StrideRhythm
 from shared.site.site_file import Number, Part
 
 __all__ = ["GRAVITY", "Gait", "InertialSamples", "PhoneSensors", "SensorParameters"]

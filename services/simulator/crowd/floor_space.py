@@ -17,7 +17,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from services.simulator.walker_parameters import Door, WalkerParameters
+from services.simulator.crowd.walker_parameters import Door, WalkerParameters
 from shared.site import FloorPlan
 
 __all__ = ["BODY", "DoorPlace", "FloorSpace", "spaces_of"]

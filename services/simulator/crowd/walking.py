@@ -13,13 +13,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from services.simulator.agenda import Goal
-from services.simulator.avoidance import Avoidance
-from services.simulator.bodies import Bodies
-from services.simulator.floor_space import FloorSpace
-from services.simulator.pace import Pace
+from services.simulator.crowd.agenda import Goal
+from services.simulator.crowd.avoidance import Avoidance
+from services.simulator.crowd.bodies import Bodies
+from services.simulator.crowd.floor_space import FloorSpace
+from services.simulator.crowd.pace import Pace
+from services.simulator.crowd.walker_parameters import WalkerParameters
 from services.simulator.seeds import generator
-from services.simulator.walker_parameters import WalkerParameters
 
 __all__ = ["AWAY", "BETWEEN", "STANDING", "STEP", "WALKING", "Walking"]
 

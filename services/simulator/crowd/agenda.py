@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from services.simulator.floor_space import DoorPlace, FloorSpace
-from services.simulator.walker_parameters import WalkerParameters
+from services.simulator.crowd.floor_space import DoorPlace, FloorSpace
+from services.simulator.crowd.walker_parameters import WalkerParameters
 
 __all__ = ["Agenda", "Goal", "Mind", "cruising_speed"]
 

@@ -8,11 +8,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from services.simulator.fleet import FleetParameters, Kind
 from services.simulator.people import Movement
-from services.simulator.phone_batch import PhoneScan
-from services.simulator.radio_world import RadioWorld
-from services.simulator.scan_schedule import AdvertScans, ScanTimes, reports
+from services.simulator.phones.fleet import FleetParameters, Kind
+from services.simulator.phones.phone_batch import PhoneScan
+from services.simulator.radio.radio_world import RadioWorld
+from services.simulator.radio.scan_schedule import AdvertScans, ScanTimes, reports
 from services.simulator.seeds import generator
 from shared.site import Site
 

@@ -13,11 +13,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from services.simulator.figures import Clothes, draw_figure, draw_shadow, figure_box, pose_figure, project_figure
 from services.simulator.people import Snapshot
-from services.simulator.scenery import paint_scenery
 from services.simulator.seeds import generator
-from services.simulator.video_light import Light, VideoParameters
+from services.simulator.video.figures import Clothes, draw_figure, draw_shadow, figure_box, pose_figure, project_figure
+from services.simulator.video.scenery import paint_scenery
+from services.simulator.video.video_light import Light, VideoParameters
 from shared.site import CameraGeometry, Floor
 
 __all__ = ["HallRenderer", "VideoParameters"]

@@ -6,10 +6,10 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from services.simulator.carrying import Carrying, CarryingParameters
-from services.simulator.gait import SensorParameters
-from services.simulator.scan_schedule import AdvertScans, RegularScans, ScanSchedule
-from services.simulator.stride import StrideParameters
+from services.simulator.phones.carrying import Carrying, CarryingParameters
+from services.simulator.phones.gait import SensorParameters
+from services.simulator.phones.stride import StrideParameters
+from services.simulator.radio.scan_schedule import AdvertScans, RegularScans, ScanSchedule
 from shared.site.site_file import Identifier, Number, Part
 
 __all__ = ["FleetParameters", "Flushes"]

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from services.simulator.detection_frames import FramePublisher, frame_numbers
+from services.simulator.cameras.detection_frames import FramePublisher, frame_numbers
+from services.simulator.cameras.visibility import project_bodies
 from services.simulator.people import People
-from services.simulator.visibility import project_bodies
 from shared.messages import DetectionFrame
 from shared.site import Camera, CameraGeometry
 from shared.site.site_file import Number, Part

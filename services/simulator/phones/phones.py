@@ -24,9 +24,9 @@ import numpy as np
 import structlog
 from prometheus_client import Counter, Gauge
 
-from services.simulator.phone import EmulatedPhone
-from services.simulator.phone_batch import PhoneBatch
-from services.simulator.posting import body_of
+from services.simulator.phones.phone import EmulatedPhone
+from services.simulator.phones.phone_batch import PhoneBatch
+from services.simulator.phones.posting import body_of
 
 __all__ = ["Phones"]
 

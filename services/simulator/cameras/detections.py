@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, ndtri
 
-from services.simulator.clutter import Clutter
-from services.simulator.detection_frames import FramePublisher, frame_numbers
-from services.simulator.detection_parameters import DetectionParameters
-from services.simulator.fading import FITTED, STILL_RADIUS, Imprints
-from services.simulator.figures import Clothes
-from services.simulator.merging import leaders, near_pairs
+from services.simulator.cameras.clutter import Clutter
+from services.simulator.cameras.detection_frames import FramePublisher, frame_numbers
+from services.simulator.cameras.detection_parameters import DetectionParameters
+from services.simulator.cameras.fading import FITTED, STILL_RADIUS, Imprints
+from services.simulator.cameras.merging import leaders, near_pairs
+from services.simulator.cameras.visibility import LEGS, Silhouettes, StaticView, hidden_by_others, project_bodies
+from services.simulator.cameras.wandering import Episodes, Wander
 from services.simulator.people import BLOCK, People
 from services.simulator.seeds import generator
-from services.simulator.visibility import LEGS, Silhouettes, StaticView, hidden_by_others, project_bodies
-from services.simulator.wandering import Episodes, Wander
+from services.simulator.video.figures import Clothes
 from shared.messages import DetectionFrame
 from shared.site import Camera, CameraGeometry, Floor
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from services.simulator.crowd.walker_parameters import Behaviour
 from services.simulator.seeds import generator
-from services.simulator.walker_parameters import Behaviour
 
 __all__ = ["Pace"]
 

@@ -13,11 +13,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from services.simulator.crowd_steps import CrowdSteps
+from services.simulator.crowd.crowd_steps import CrowdSteps
+from services.simulator.crowd.walk_history import WalkHistory
+from services.simulator.crowd.walker_parameters import Door, WalkerParameters
+from services.simulator.crowd.walking import STEP
 from services.simulator.people import Movement
-from services.simulator.walk_history import WalkHistory
-from services.simulator.walker_parameters import Door, WalkerParameters
-from services.simulator.walking import STEP
 from shared.site import FloorPlan
 
 __all__ = ["STEP", "Crowd", "Door", "WalkerParameters"]

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.simulator.fleet import FleetParameters, Flushes
-from services.simulator.phone_batch import Inertial, PhoneBatch, PhoneClock, PhoneScan
+from services.simulator.phones.fleet import FleetParameters, Flushes
+from services.simulator.phones.phone_batch import Inertial, PhoneBatch, PhoneClock, PhoneScan
 
 __all__ = ["Mail"]
 

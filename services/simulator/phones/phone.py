@@ -8,15 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from services.simulator.carrying import Carrying
-from services.simulator.fleet import FleetParameters
-from services.simulator.gait import PhoneSensors
-from services.simulator.hearing import Ears
-from services.simulator.magnetic import MagneticField
-from services.simulator.mailing import Mail
 from services.simulator.people import Movement, People
-from services.simulator.phone_batch import PhoneBatch, PhoneClock
-from services.simulator.radio_world import RadioWorld
+from services.simulator.phones.carrying import Carrying
+from services.simulator.phones.fleet import FleetParameters
+from services.simulator.phones.gait import PhoneSensors
+from services.simulator.phones.hearing import Ears
+from services.simulator.phones.magnetic import MagneticField
+from services.simulator.phones.mailing import Mail
+from services.simulator.phones.phone_batch import PhoneBatch, PhoneClock
+from services.simulator.radio.radio_world import RadioWorld
 from services.simulator.seeds import generator
 from shared.site import Site
 

@@ -12,13 +12,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from services.simulator.admission import Admission
-from services.simulator.agenda import Agenda, Goal, Mind, cruising_speed
-from services.simulator.companions import Companions
-from services.simulator.floor_space import DoorPlace, spaces_of
+from services.simulator.crowd.admission import Admission
+from services.simulator.crowd.agenda import Agenda, Goal, Mind, cruising_speed
+from services.simulator.crowd.companions import Companions
+from services.simulator.crowd.floor_space import DoorPlace, spaces_of
+from services.simulator.crowd.walker_parameters import WalkerParameters
+from services.simulator.crowd.walking import AWAY, BETWEEN, STANDING, STEP, WALKING, Walking
 from services.simulator.seeds import generator
-from services.simulator.walker_parameters import WalkerParameters
-from services.simulator.walking import AWAY, BETWEEN, STANDING, STEP, WALKING, Walking
 from shared.site import FloorPlan
 
 __all__ = ["CrowdSteps"]

@@ -1,0 +1,1 @@
+"""What would a detector publish? Detections of cameras that have no pictures."""

@@ -1,0 +1,1 @@
+"""What would a camera show? Rendered pictures for the real camera service."""
