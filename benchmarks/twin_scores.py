@@ -28,6 +28,13 @@ Array = NDArray[np.float64]
 
 FUSION = "twolayer"
 """What the shipped tracker is called among the methods."""
+NAMES = {
+    "radio": "radio only (Horus)",
+    "vision": "vision only, 1 Hz (RBMCDA)",
+    "cv": "vision only, every frame",
+    "evloc": "EV-Loc",
+    FUSION: "shipped fusion",
+}
 
 
 @dataclass
@@ -97,12 +104,25 @@ def figures_of(scores: TwinScores, prefix: str) -> dict[str, float | None]:
     return figures
 
 
-def draw_cdfs(worlds: Mapping[str, TwinScores], picture: Path) -> None:
-    """Draw the distributions of window errors, a panel for each world and a line for each method."""
+def draw_cdfs(
+    worlds: Mapping[str, TwinScores], picture: Path, studies: Mapping[str, Mapping[str, float]] | None = None
+) -> None:
+    """Draw the distributions of window errors, a panel for each world and a line for each method.
+
+    Args:
+        worlds: by title.
+        picture: where to.
+        studies: the 90 % errors of the original study by world and method, drawn as dots of the line's colour.
+    """
     figure, axes = plt.subplots(1, len(worlds), figsize=(5.2 * len(worlds), 4.0), sharey=True, squeeze=False)
     for axis, (title, scores) in zip(axes[0], worlds.items(), strict=True):
         for method, errors in scores.errors.items():
-            axis.plot(*error_cdf(errors), label=method, linewidth=2.2 if method == FUSION else 1.2)
+            [line] = axis.plot(
+                *error_cdf(errors), label=NAMES.get(method, method), linewidth=2.2 if method == FUSION else 1.2
+            )
+            found = (studies or {}).get(title, {}).get(method)
+            if found is not None:
+                axis.plot(found, 0.9, "o", color=line.get_color(), markeredgecolor="black", zorder=3)
         axis.set(title=title, xlabel="RMSE in a minute, m", xlim=(0.0, 6.0), ylim=(0.0, 1.0))
         axis.axhline(0.9, color="0.8", linewidth=0.8)
         axis.grid(visible=True, alpha=0.25)
