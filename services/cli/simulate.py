@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import resource
 import time
 from pathlib import Path
@@ -14,6 +16,9 @@ from services.cli.demo import SITES
 from services.cli.launcher import LauncherError
 
 __all__ = ["find_scenario", "simulate"]
+
+TOLD = 12
+"""People with phones named one by one."""
 
 
 def find_scenario(name: str) -> Path:
@@ -39,10 +44,13 @@ def simulate(name: str, seed: int | None, seconds: float | None, out: Path | Non
     """
     # Only this command needs the simulator's libraries.
     from services.simulator.scenario_loading import load_scenario, scenario_digest
-    from services.simulator.world import World
+    from services.simulator.world import World, cameras_without_pictures
     from services.simulator.world_file import write_world
 
-    scenario, site = load_scenario(find_scenario(name))
+    file = find_scenario(name)
+    if out is not None and (reason := _why_not_writable(out)) is not None:
+        raise LauncherError(f"{out}: cannot be written: {reason}")
+    scenario, site = load_scenario(file)
     wanted = scenario.duration if seconds is None else seconds
     world = World(scenario, site, seed)
     begun = time.perf_counter()
@@ -63,10 +71,28 @@ def simulate(name: str, seed: int | None, seconds: float | None, out: Path | Non
     table = Table("what", "how much", title=f"{scenario.scenario}: {scenario.about or site.name}")
     for what, count in counts.items():
         table.add_row(what, f"{count:,}")
-    table.add_row("people with phones", ", ".join(f"{c.person}: {c.device}" for c in world.carriers[:12]) or "nobody")
+    seen = cameras_without_pictures(scenario, site)
+    unseen = [camera.id for camera in site.cameras if camera.id not in seen]
+    if unseen:
+        which = f"{', '.join(unseen)}: " if seen else ""
+        table.add_row("cameras", f"{which}rendered or real, nothing to see off line")
+    told = ", ".join(f"{carrier.person}: {carrier.device}" for carrier in world.carriers[:TOLD]) or "nobody"
+    more = len(world.carriers) - TOLD
+    table.add_row("people with phones", f"{told} and {more} more" if more > 0 else told)
     table.add_row("made in", f"{took:.1f} s, {wanted / took:.0f} times real time")
     table.add_row("memory", f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB at most")
     table.add_row("digest of scenario and site", scenario_digest(scenario, site)[:16])
     console.print(table)
     if out is not None:
         console.print(f"written to {out}")
+
+
+def _why_not_writable(out: Path) -> str | None:
+    """Say why a file cannot be written, before a world is made for it; nothing is created yet."""
+    if out.is_dir():
+        return os.strerror(errno.EISDIR)
+    if not out.parent.is_dir():
+        return f"there is no folder {out.parent}"
+    if not os.access(out if out.exists() else out.parent, os.W_OK):
+        return os.strerror(errno.EACCES)
+    return None

@@ -73,7 +73,7 @@ def test_a_wrong_scenario_is_one_line(tmp_path: Path) -> None:
     answer = simulate(str(wrong))
     assert answer.returncode == 2
     assert answer.stdout.count("\n") == 1
-    assert "people.walkers.present: a range is [low, high], found [20, 8]" in answer.stdout
+    assert "people.walkers.present: a range is [low, high], found [20, 8]\n" in answer.stdout
     assert "Traceback" not in answer.stderr
 
 
@@ -82,4 +82,19 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path, out: str) -> 
     answer = simulate("museum", "--seconds", "5", "--out", str(tmp_path / out))
     assert answer.returncode == 2
     assert "cannot be written: " in answer.stdout
+    assert "seed" not in answer.stdout, "the world was begun"
+    assert not (tmp_path / "nowhere").exists()
     assert "Traceback" not in answer.stdout + answer.stderr
+
+
+def test_people_with_phones_who_are_not_named_are_counted() -> None:
+    answer = simulate("crowd", "--seconds", "1")
+    assert answer.returncode == 0, answer.stdout + answer.stderr
+    assert " and 88 more" in " ".join(answer.stdout.replace("│", " ").split())
+
+
+@pytest.mark.parametrize(("name", "told"), [("hall", True), ("museum", False)])
+def test_cameras_that_make_no_frames_off_line_are_told(name: str, told: bool) -> None:
+    answer = simulate(name, "--seconds", "1")
+    assert answer.returncode == 0, answer.stdout + answer.stderr
+    assert ("rendered or real, nothing to see off line" in answer.stdout) is told

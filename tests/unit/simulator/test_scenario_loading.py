@@ -83,11 +83,13 @@ def test_the_example_is_right(tmp_path: Path) -> None:
     [
         ("durations", 5, "durations: unknown key; allowed here: format, scenario"),
         ("people.walkers.pol", 5, "people.walkers.pol: unknown key; allowed here: behaviour, pool"),
-        ("duration", -1, "duration: "),
+        ("duration", -1, "duration: must be greater than 0 (found -1)"),
+        ("duration", "long", "duration: must be a number (found 'long')"),
         ("duration", float("nan"), "duration: "),
-        ("seeds", {"train": 1}, "seeds.test: "),
+        ("seeds", {"train": 1}, "seeds.test: is missing"),
         ("seeds", {"train": 3, "test": 3}, "seeds: train and test must differ"),
         ("people.kind", "ghosts", "people.kind: must be one of walkers, recorded (found 'ghosts')"),
+        ("people.walkers.present", "many", "people.walkers.present: must be a list such as [8, 12] (found 'many')"),
         ("people.walkers.present", [4, 2], "people.walkers.present: a range is [low, high], found [4, 2]"),
         ("people.walkers.speed", [-1, 1], "speed: must lie within"),
         ("views.0.level", "smell", "views[0].level: must be one of detections, video, file (found 'smell')"),
@@ -95,7 +97,8 @@ def test_the_example_is_right(tmp_path: Path) -> None:
         ("views.0.frames_per_s", 0, "views[0].frames_per_s: "),
         ("views.0.detection", {"clutter": -0.5}, "views[0].detection.clutter: "),
         ("views", [{"level": "detections"}, {"level": "video"}], "views: camera lobby is described 2 times"),
-        ("phones", [], "phones: "),
+        ("phones", [], "phones: must hold at least 1 (found none)"),
+        ("phones", None, "phones: must be a list (found null)"),
         ("phones.0.count", 0, "phones[0].count: "),
         ("phones.0.count", 7, "phones: 7 phones, but people.walkers.present lets 4 people in at most"),
         ("phones.0.inertial_rate", -50, "phones[0].inertial_rate: "),
@@ -145,6 +148,8 @@ def test_a_mistake_is_told_with_its_place(tmp_path: Path, place: str, value: Any
     assert told in text
     assert text.startswith(f"{path}: ")
     assert len(text.splitlines()) == 1
+    assert text.count("found ") <= 1
+    assert "should" not in text
 
 
 def test_a_fault_of_every_camera_and_phone_is_right(tmp_path: Path) -> None:
