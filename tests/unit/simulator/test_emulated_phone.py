@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from phone_carriers import WalkingPeople
 from pydantic import ValidationError
-from walking_people import WalkingPeople
 
 from services.simulator.phones.magnetic import MagneticField, MagneticParameters
 from services.simulator.phones.phone import EmulatedPhone, FleetParameters, PhoneBatch, PhoneClock

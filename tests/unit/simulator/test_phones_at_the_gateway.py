@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from walking_people import WalkingPeople
+from phone_carriers import WalkingPeople
 
 from services.gateway.batch_check import Limits
 from services.gateway.dead_reckoning import DeadReckoner, InertialSamples

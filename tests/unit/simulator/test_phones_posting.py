@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from phone_carriers import WalkingPeople
 from waiting import wait_until
-from walking_people import WalkingPeople
 
 from services.simulator.phones.carrying import Carrying
 from services.simulator.phones.magnetic import MagneticField, MagneticParameters
