@@ -179,8 +179,9 @@ asks `GET /v1/positions` seven times a second and compares each phone's position
 moment, whatever the age of the answer. `names_right` is the share of published names whose track is within 1 m of the
 phone's carrier; a name published while the carrier is out of view counts as wrong. Latency runs from the camera service
 sending a frame's detections to fusion sending the tracks. `replay_identical` is 1 when recomputing the recording gives
-the same bytes for every frame. Phones' timing follows the wall clock, so identity differs from run to run: 0.84 to 0.86
-in two runs, 0.68 to 0.75 in the harsher world of `pets-video-harsh`.""",
+the same bytes for every frame. Phones' timing follows the wall clock, so identity differs from run to run by some
+0.03. The phones are harder than they were when 0.84 was measured: their strides, grips and fidgets are now a walker's
+own (`services/simulator/phones`).""",
 )
 
 
