@@ -93,7 +93,7 @@ leave and enter the view more often, and the survey of the radio-only method is 
 matched to people is unpublished. `cv` has no counterpart: the study's vision-only method worked once a second.""",
     at_least={name: round((1.0 - WITHIN) * float(study.value), 3) for name, study in STUDIES.items()},
     at_most={name: round((1.0 + WITHIN) * float(study.value), 3) for name, study in STUDIES.items()},
-    picture="Errors of plain methods in three scenarios of the twin; dots are the 90 % errors of the original studies.",
+    picture="Errors of plain methods in three scenarios of the twin; the grey line is the 90 % read off.",
 )
 
 
