@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import heapq
 import math
 from collections import defaultdict
@@ -12,6 +13,7 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 import shapely
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from benchmarks.world_record import Truth, WorldRecord
@@ -23,12 +25,12 @@ from services.simulator.people import BLOCK
 from services.simulator.phones.phone_batch import PhoneBatch
 from services.simulator.phones.posting import body_of
 from services.simulator.scenario_file import Scenario
-from services.simulator.scenario_loading import load_scenario, seen_floor
+from services.simulator.scenario_loading import load_scenario, seen_floor, watched
 from services.simulator.world import World
 from shared.messages import DetectionFrame, MotionBatch, RadioScan
-from shared.site import Camera, Site
+from shared.site import Site
 
-__all__ = ["EPOCH", "TRUTH_EVERY", "load", "record_world", "watched", "with_access_points"]
+__all__ = ["EPOCH", "TRUTH_EVERY", "load", "record_world", "with_access_points"]
 
 Array = NDArray[np.float64]
 P = TypeVar("P", RadioScan, MotionBatch)
@@ -90,7 +92,7 @@ def record_world(
             told += [(EPOCH + arrival.t, said) for said in phone.outbox]
             phone.outbox.clear()
         else:
-            frames[area_of[message.camera]].append((EPOCH + arrival.t, _at_epoch(message)))
+            frames[area_of[message.camera]].append((EPOCH + arrival.t, replace(message, t=EPOCH + message.t)))
         progress(world.made)
     t, position, floor = np.concatenate(times), np.concatenate(places), np.concatenate(floors)
     return {
@@ -112,19 +114,7 @@ def with_access_points(record: WorldRecord, wanted: Sequence[str]) -> WorldRecor
         (t, _of_points(message, kept) if isinstance(message, RadioScan) else message) for t, message in record.arrivals
     ]
     scans = {device: [_of_points(scan, kept) for scan in scans] for device, scans in record.scans.items()}
-    return WorldRecord(site, record.area, arrivals, record.frames, scans, record.motions, record.truth, record.view)
-
-
-def watched(camera: Camera, points: Array) -> NDArray[np.bool_]:
-    """Whether a camera looks at each of the floor points (n, 2), hidden or not; NaN points are not looked at."""
-    geometry = camera.geometry.build()
-    pixels = geometry.to_image(np.column_stack([points, np.zeros(len(points))]))
-    width, height = geometry.image_size
-    with np.errstate(invalid="ignore"):
-        seen = np.asarray(((pixels >= -0.5) & (pixels <= np.array([width, height]) - 0.5)).all(axis=1))
-    if camera.area_of_interest is not None:
-        seen[seen] = shapely.intersects_xy(shapely.Polygon(camera.area_of_interest), pixels[seen, 0], pixels[seen, 1])
-    return seen
+    return dataclasses.replace(record, site=site, arrivals=arrivals, scans=scans)
 
 
 def _phone(device: str, enrolled_as: str, site: Site) -> Phone:
@@ -143,20 +133,6 @@ def _body(batch: PhoneBatch, before: PhoneBatch | None, motion: bool) -> Batch |
         came_back = float(batch.clock.read(np.array([2.0 * before.arrival - before.sent]))[0])
         body["echo"] = {"replied": EPOCH + before.arrival, "arrived": EPOCH + came_back}
     return msgspec.convert(body, Batch)
-
-
-def _at_epoch(frame: DetectionFrame) -> DetectionFrame:
-    return DetectionFrame(
-        t=EPOCH + frame.t,
-        camera=frame.camera,
-        floor=frame.floor,
-        seq=frame.seq,
-        x=frame.x,
-        y=frame.y,
-        covariance=frame.covariance,
-        confidence=frame.confidence,
-        box=frame.box,
-    )
 
 
 def _keep_truth(
@@ -213,11 +189,4 @@ def _by_device(
 
 def _of_points(scan: RadioScan, kept: set[str]) -> RadioScan:
     heard = [(name, rssi) for name, rssi in zip(scan.access_point, scan.rssi, strict=True) if name in kept]
-    return RadioScan(
-        t=scan.t,
-        device=scan.device,
-        seq=scan.seq,
-        kind=scan.kind,
-        access_point=[name for name, _ in heard],
-        rssi=[rssi for _, rssi in heard],
-    )
+    return replace(scan, access_point=[name for name, _ in heard], rssi=[rssi for _, rssi in heard])

@@ -25,7 +25,7 @@ from shared.part_file import PartFileError, read_part_file
 from shared.site import Camera, Site, SiteError, load_site
 from shared.site.camera_geometry import GeometryError
 
-__all__ = ["ScenarioError", "load_scenario", "scenario_digest", "seen_floor"]
+__all__ = ["ScenarioError", "load_scenario", "scenario_digest", "seen_floor", "watched"]
 
 LEAST_SEEN = 0.5
 """m² of walkable floor that a camera must see."""
@@ -105,15 +105,21 @@ def seen_floor(camera: Camera, site: Site) -> NDArray[np.float64]:
     x, y = np.meshgrid(np.arange(west + 0.5 * CELL, east, CELL), np.arange(south + 0.5 * CELL, north, CELL))
     points = np.column_stack([x.ravel(), y.ravel()])
     points = points[shapely.intersects_xy(outline, points[:, 0], points[:, 1])]
+    near = np.hypot(*(points - geometry.position[:2]).T) <= FARTHEST
+    chosen: NDArray[np.float64] = points[near & watched(camera, points)]
+    return chosen
+
+
+def watched(camera: Camera, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether a camera looks at each of the floor points (n, 2), hidden or not; NaN points are not looked at."""
+    geometry = camera.geometry.build()
     pixels = geometry.to_image(np.column_stack([points, np.zeros(len(points))]))
     width, height = geometry.image_size
     with np.errstate(invalid="ignore"):
-        seen = ((pixels >= -0.5) & (pixels <= np.array([width, height]) - 0.5)).all(axis=1)
-    seen &= np.hypot(*(points - geometry.position[:2]).T) <= FARTHEST
+        seen = np.asarray(((pixels >= -0.5) & (pixels <= np.array([width, height]) - 0.5)).all(axis=1))
     if camera.area_of_interest is not None:
         seen[seen] = shapely.intersects_xy(shapely.Polygon(camera.area_of_interest), pixels[seen, 0], pixels[seen, 1])
-    watched: NDArray[np.float64] = points[seen]
-    return watched
+    return seen
 
 
 def _cross_check(scenario: Scenario, site: Site) -> Iterator[str]:

@@ -41,9 +41,6 @@ class Crowd:
         self._steps = CrowdSteps(plans, parameters, seed)
         self._history = WalkHistory(len(self._steps.persons), STEP)
         self._lock = threading.Lock()  # renderer, phones and truth ask from threads of their own
-        while self._steps.number < 0:
-            self._steps.step()
-        self._history.record(*self._steps.state())
 
     @property
     def persons(self) -> Sequence[str]:
@@ -58,6 +55,7 @@ class Crowd:
     def groups(self) -> list[list[int]]:
         """Return who walk together at the latest step, places in ``persons``."""
         with self._lock:
+            self._set_off()
             return [list(group) for group in self._steps.companions.groups()]
 
     def movement(self, times: Array, persons: Sequence[int] | NDArray[np.int64] | None = None) -> Movement:
@@ -68,6 +66,7 @@ class Crowd:
         times = np.asarray(times, float)
         index = None if persons is None else np.asarray(persons, dtype=np.int64)
         with self._lock:
+            self._set_off()
             needed = self._history.needed(float(times[-1])) if len(times) else 0
             while self._steps.number < needed:
                 self._steps.step()
@@ -84,3 +83,10 @@ class Crowd:
         first = max(0, math.floor(after / STEP + 1e-9) + 1)
         chosen: Array = np.arange(first, math.floor(until / STEP + 1e-9) + 1) * np.float64(STEP)
         return chosen
+
+    def _set_off(self) -> None:
+        """Let people walk themselves in before second zero, once somebody asks: who only checks a scenario does not."""
+        if self._steps.number < 0:
+            while self._steps.number < 0:
+                self._steps.step()
+            self._history.record(*self._steps.state())
