@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from benchmarks.world_record import Truth, WorldRecord
 from services.cli.simulate import find_scenario
-from services.gateway.batch_check import Limits
-from services.gateway.phone import Phone
+from services.gateway.phones.batch_check import Limits
+from services.gateway.phones.phone import Phone
 from services.gateway.protocol import Batch
 from services.simulator.people import BLOCK
 from services.simulator.phones.phone_batch import PhoneBatch

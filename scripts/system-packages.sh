@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# The programs the tests drive that are not Python packages: a browser and the compose file checker.
+# The programs the tests drive that are not Python packages: a browser, the compose file checker and an MQTT broker.
 set -euo pipefail
-declare -A package_of=([chromium]=chromium [chromedriver]=chromium-driver [docker-compose]=docker-compose)
+declare -A package_of=([chromium]=chromium [chromedriver]=chromium-driver [docker-compose]=docker-compose [mosquitto]=mosquitto)
+PATH="$PATH:/usr/sbin"  # where Debian keeps the broker
 missing=()
 for program in "${!package_of[@]}"; do
   command -v "$program" >/dev/null || missing+=("${package_of[$program]}")

@@ -58,6 +58,10 @@ class Keys:
         """Alert, reliable, cached."""
         return f"{self.root}/alert/{_part(zone)}"
 
+    def stride_model(self, device: str = "*") -> str:
+        """StrideModel, on activation, cached."""
+        return f"{self.root}/model/stride/{_part(device)}"
+
     def erasure(self, device: str = "*") -> str:
         """Erasure, reliable: who withdrew consent."""
         return f"{self.root}/erasure/{_part(device)}"

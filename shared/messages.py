@@ -26,6 +26,7 @@ __all__ = [
     "MessageError",
     "MotionBatch",
     "RadioScan",
+    "StrideModel",
     "TrackFrame",
     "decode",
     "encode",
@@ -49,13 +50,26 @@ class Message(msgspec.Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Parallel columns must be parallel: a message that is not is refused where it is made or decoded."""
-        lengths = {name: len(getattr(self, name)) for name in self.columns()}
-        if len(set(lengths.values())) > 1:
-            raise ValueError(f"{type(self).__name__}: columns of different lengths: {lengths}")
+        columns = self.columns()
+        present = [name for name in self.optional_columns() if getattr(self, name)]
+        for names in ((*columns, *present), self.event_columns()):
+            lengths = {name: len(getattr(self, name)) for name in names}
+            if len(set(lengths.values())) > 1:
+                raise ValueError(f"{type(self).__name__}: columns of different lengths: {lengths}")
 
     @classmethod
     def columns(cls) -> tuple[str, ...]:
         """Names of the parallel columns, all of one length."""
+        return ()
+
+    @classmethod
+    def optional_columns(cls) -> tuple[str, ...]:
+        """Columns parallel to those that a sender may leave empty."""
+        return ()
+
+    @classmethod
+    def event_columns(cls) -> tuple[str, ...]:
+        """Columns parallel to each other, of a length of their own."""
         return ()
 
 
@@ -99,6 +113,10 @@ class RadioScan(Message, frozen=True, kw_only=True):
     kind: Literal["wifi", "ble"] = "wifi"
     access_point: list[str] = []
     rssi: list[float] = []
+    heard_by_site: bool = False
+    """True where fixed receivers at these access points heard the device, not the other way round."""
+    late: bool = False
+    """True where it came too long after it was measured: for history and window fusion, not for live positions."""
 
     @classmethod
     def columns(cls) -> tuple[str, ...]:
@@ -114,10 +132,30 @@ class MotionBatch(Message, frozen=True, kw_only=True):
     t_start: float
     activity: Literal["still", "walking", "other"]
     step_t: list[float] = []
+    """When each step ended, s."""
+    step_t_variance: list[float] = []
     length: list[float] = []
     length_variance: list[float] = []
+    """m², of one step taken by itself: with what all steps of a walk share (``length_scale_variance``)."""
     heading: list[float] = []
     heading_variance: list[float] = []
+    """rad², of one step taken by itself: with what all steps of a walk share (``heading_bias_variance``)."""
+    other_heading: list[float] = []
+    """Where the heading is one of two (which side a phone is turned to, front or back of a pocket): the other one."""
+    other_probability: list[Probability] = []
+    """Of ``other_heading`` being right."""
+    walk: int = 0
+    """Counts up when steps begin anew: the steps of one walk share a heading bias and a stride scale."""
+    heading_bias_variance: float = 0.0
+    """rad², of the error all headings of this walk have in common; part of ``heading_variance``."""
+    length_scale_variance: float = 0.0
+    """Of the factor by which all lengths of this walk are wrong; ``length² x`` this is part of ``length_variance``."""
+    turn_t: list[float] = []
+    """When the phone's carrier had turned a corner, s."""
+    turn: list[float] = []
+    """By how much, radians, left is positive."""
+    late: bool = False
+    """True where it came too long after it was measured: for history and window fusion, not for live positions."""
     revises_from: float | None = None
     """Where set, steps since this time replace the ones published before."""
 
@@ -125,6 +163,16 @@ class MotionBatch(Message, frozen=True, kw_only=True):
     def columns(cls) -> tuple[str, ...]:
         """One entry per step."""
         return ("step_t", "length", "length_variance", "heading", "heading_variance")
+
+    @classmethod
+    def optional_columns(cls) -> tuple[str, ...]:
+        """What not every sender knows of a step."""
+        return ("step_t_variance", "other_heading", "other_probability")
+
+    @classmethod
+    def event_columns(cls) -> tuple[str, ...]:
+        """One entry per turn."""
+        return ("turn_t", "turn")
 
 
 class InertialColumns(msgspec.Struct, frozen=True, kw_only=True):
@@ -215,6 +263,19 @@ class Alert(Message, frozen=True, kw_only=True):
     x: float
     y: float
     device: str | None = None
+
+
+class StrideModel(Message, frozen=True, kw_only=True):
+    """A person's own step length by cadence, as learned from tracks or calibrated: ``length = slope f + offset``."""
+
+    device: str
+    version: int
+    slope: float
+    """m per step/s."""
+    offset: float
+    """m."""
+    scale_variance: float
+    """Of the factor by which this line may be wrong for this person."""
 
 
 class Erasure(Message, frozen=True, kw_only=True):

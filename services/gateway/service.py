@@ -6,11 +6,11 @@ import threading
 import time
 from typing import ClassVar
 
-from services.gateway.app import Gateway, create_app
-from services.gateway.own_position import OwnPositions
-from services.gateway.phone_book import PhoneBook
+from services.gateway.devices.own_position import OwnPositions
+from services.gateway.devices.storage import DeviceStore, migrate, open_engine, schema_problem
+from services.gateway.phones.phone_book import PhoneBook
 from services.gateway.settings import GatewaySettings
-from services.gateway.storage import DeviceStore, migrate, open_engine, schema_problem
+from services.gateway.web.app import Gateway, create_app
 from shared.http_server import serve
 from shared.messages import TrackFrame
 from shared.runner import Service, ServiceError

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pydantic import Field, SecretStr
 
-from services.gateway.batch_check import Limits
+from services.gateway.phones.batch_check import Limits
 from shared.settings import ServiceSettings
 
 __all__ = ["GatewaySettings", "default_database_url"]

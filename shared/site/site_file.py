@@ -217,6 +217,8 @@ class AccessPoint(Part):
     floor: Identifier
     position: Point3
     addresses: list[str] = []
+    receivers: list[str] = []
+    """Names under which fixed receivers that stand here report what they hear (FIND3, ESPresense, Theengs)."""
     kind: Literal["wifi", "ble"] = "wifi"
     power_1m: Annotated[Number, Field(ge=-110, le=0)] = -40.0
     """P₀: received power one metre away, dBm."""

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.gateway.resampling import RATE
-from services.gateway.step_detection import DETECTORS, StepDetector
+from services.gateway.reckoning.resampling import RATE
+from services.gateway.steps.gated_peaks import DETECTORS, StepDetector
 
 pytestmark = pytest.mark.parametrize("name", sorted(DETECTORS))
 

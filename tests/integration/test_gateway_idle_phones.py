@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from waiting import wait_until
 
-from services.gateway.batch_check import Limits
-from services.gateway.dead_reckoning import DeadReckoner, InertialSamples
+from services.gateway.devices.storage import Registered
 from services.gateway.errors import RequestError
-from services.gateway.phone_book import PhoneBook
-from services.gateway.storage import Registered
+from services.gateway.phones.batch_check import Limits
+from services.gateway.phones.phone_book import PhoneBook
+from services.gateway.reckoning.dead_reckoning import DeadReckoner, InertialSamples
 from shared.bus import Bus
 from shared.messages import Message, RadioScan
 from shared.site import load_site

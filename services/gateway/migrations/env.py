@@ -2,7 +2,7 @@
 
 from alembic import context
 
-from services.gateway.storage import VERSION_TABLE, Base
+from services.gateway.devices.storage import VERSION_TABLE, Base
 
 context.configure(
     connection=context.config.attributes["connection"], target_metadata=Base.metadata, version_table=VERSION_TABLE

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.gateway.batch_check import Limits
 from services.gateway.errors import RequestError, read_json
-from services.gateway.phone import Phone
+from services.gateway.phones.batch_check import Limits
+from services.gateway.phones.phone import Phone
 from services.gateway.protocol import Batch
 
 ADDRESSES = {"02:a7:00:00:00:01": "ap-1", "02:a7:00:00:00:02": "ap-2"}

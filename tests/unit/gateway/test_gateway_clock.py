@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from services.gateway.clock import ClockAligner
+from services.gateway.phones.clock import ClockAligner
 
 
 def run(offset: float, drift: float, seed: int, seconds: int, echo: bool) -> tuple[np.ndarray, np.ndarray]:

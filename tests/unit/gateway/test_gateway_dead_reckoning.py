@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from services.gateway.dead_reckoning import DeadReckoner, InertialSamples, Motion
-from services.gateway.heading import UNKNOWN_VARIANCE
-from services.gateway.stride import step_length
+from services.gateway.reckoning.dead_reckoning import DeadReckoner, InertialSamples, Motion
+from services.gateway.reckoning.heading import UNKNOWN_VARIANCE
+from services.gateway.reckoning.stride import step_length
 
 
 def walk(compass: float, seconds: float = 20.0, rate: float = 100.0, start: float = 1e9) -> InertialSamples:

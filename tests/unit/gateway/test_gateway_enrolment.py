@@ -1,6 +1,6 @@
 """Keys, QR codes and the ration of attempts."""
 
-from services.gateway.enrolment import AttemptLimiter, key_of, qr_svg, qr_text, same_key
+from services.gateway.devices.enrolment import AttemptLimiter, key_of, qr_svg, qr_text, same_key
 
 
 def test_what_the_qr_code_holds_is_accepted_as_a_key() -> None:

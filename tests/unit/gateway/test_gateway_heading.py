@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.gateway.heading import UNKNOWN_VARIANCE, HeadingFilter, plan_heading
-from services.gateway.resampling import RATE
+from services.gateway.reckoning.heading import UNKNOWN_VARIANCE, HeadingFilter, plan_heading
+from services.gateway.reckoning.resampling import RATE
 
 EARTH = np.array([0.0, 20.0, -43.0])  # east, north, up; µT
 

@@ -1,7 +1,7 @@
 """What is remembered of tokens ends: by time, and by number."""
 
-from services.gateway.known_tokens import KnownTokens
-from services.gateway.storage import Registered
+from services.gateway.devices.known_tokens import KnownTokens
+from services.gateway.devices.storage import Registered
 
 
 def test_a_token_is_looked_up_again_after_a_while_however_often_it_is_used() -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from services.gateway.own_position import OwnPositions
+from services.gateway.devices.own_position import OwnPositions
 from shared.messages import TrackFrame
 
 

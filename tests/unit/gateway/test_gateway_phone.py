@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from services.gateway.batch_check import Limits
-from services.gateway.phone import SEQ_WINDOW, Phone
+from services.gateway.phones.batch_check import Limits
+from services.gateway.phones.phone import SEQ_WINDOW, Phone
 from services.gateway.protocol import Batch, RadioReadings
 from shared.messages import InertialColumns, MotionBatch, RadioScan
 

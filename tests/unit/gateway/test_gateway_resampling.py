@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.gateway.resampling import RATE, Resampler, Segment
+from services.gateway.reckoning.resampling import RATE, Resampler, Segment
 
 
 def joined(segments: list[Segment]) -> tuple[np.ndarray, np.ndarray]:

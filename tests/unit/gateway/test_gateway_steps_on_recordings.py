@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.gateway.dead_reckoning import DeadReckoner, InertialSamples
-from services.gateway.resampling import Resampler
-from services.gateway.step_detection import GatedPeaks
+from services.gateway.reckoning.dead_reckoning import DeadReckoner, InertialSamples
+from services.gateway.reckoning.resampling import Resampler
+from services.gateway.steps.gated_peaks import GatedPeaks
 
 
 def table(path: Path) -> np.ndarray:

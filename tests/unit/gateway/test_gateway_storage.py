@@ -8,7 +8,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import text
 
-from services.gateway.storage import VERSION_TABLE, Base, DeviceStore, migrate, open_engine, schema_problem
+from services.gateway.devices.storage import VERSION_TABLE, Base, DeviceStore, migrate, open_engine, schema_problem
 from shared.runner import ServiceError
 
 

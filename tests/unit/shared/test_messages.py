@@ -21,6 +21,7 @@ from shared.messages import (
     MessageError,
     MotionBatch,
     RadioScan,
+    StrideModel,
     TrackFrame,
     covariances,
     decode,
@@ -38,6 +39,7 @@ KINDS: list[type[Message]] = [
     GroundTruth,
     MotionBatch,
     RadioScan,
+    StrideModel,
     TrackFrame,
 ]
 number = st.floats(allow_nan=False, allow_infinity=False)
@@ -51,6 +53,8 @@ def _of(kind: Any) -> st.SearchStrategy[Any]:
         return _of(kind.type)
     if isinstance(kind, info.FloatType):
         return share if kind.ge == 0.0 and kind.le == 1.0 else number
+    if isinstance(kind, info.BoolType):
+        return st.booleans()
     if isinstance(kind, info.IntType):
         return st.integers(0, 2**40)
     if isinstance(kind, info.StrType):
@@ -71,14 +75,19 @@ def _of(kind: Any) -> st.SearchStrategy[Any]:
 @st.composite
 def messages(draw: st.DrawFn) -> Message:
     kind = draw(st.sampled_from(KINDS))
-    rows = draw(st.integers(0, 5))
+    rows, events = draw(st.integers(0, 5)), draw(st.integers(0, 3))
     described = msgspec.inspect.type_info(kind)
     assert isinstance(described, msgspec.inspect.StructType)
     values = {}
     for field in described.fields:
-        if field.name in kind.columns():
+        size = rows if field.name in kind.columns() else None
+        if field.name in kind.optional_columns():
+            size = draw(st.sampled_from([0, rows]))
+        if field.name in kind.event_columns():
+            size = events
+        if size is not None:
             assert isinstance(field.type, msgspec.inspect.ListType)
-            values[field.name] = draw(st.lists(_of(field.type.item_type), min_size=rows, max_size=rows))
+            values[field.name] = draw(st.lists(_of(field.type.item_type), min_size=size, max_size=size))
         else:
             values[field.name] = draw(_of(field.type))
     return kind(**values)

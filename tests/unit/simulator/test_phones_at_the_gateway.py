@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from phone_carriers import WalkingPeople
 
-from services.gateway.batch_check import Limits
-from services.gateway.dead_reckoning import DeadReckoner, InertialSamples
-from services.gateway.phone import Phone
+from services.gateway.phones.batch_check import Limits
+from services.gateway.phones.phone import Phone
 from services.gateway.protocol import Batch
+from services.gateway.reckoning.dead_reckoning import DeadReckoner, InertialSamples
 from services.simulator.faults import DuplicateBatches, PhoneClockFault, PhoneFaults, SwappedBatches
 from services.simulator.phones.carrying import Carrying
 from services.simulator.phones.magnetic import MagneticField, MagneticParameters

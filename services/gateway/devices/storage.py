@@ -15,7 +15,7 @@ from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Engine, Float, ForeignKey, String, create_engine, event, make_url, select, update
+from sqlalchemy import Engine, Float, ForeignKey, LargeBinary, String, create_engine, event, make_url, select, update
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column
 
@@ -24,7 +24,7 @@ from shared.runner import ServiceError
 __all__ = ["VERSION_TABLE", "Base", "DeviceStore", "Registered", "migrate", "open_engine", "schema_problem"]
 
 VERSION_TABLE = "alembic_version_gateway"
-_MIGRATIONS = Path(__file__).parent / "migrations"
+_MIGRATIONS = Path(__file__).parents[1] / "migrations"
 
 
 class Base(DeclarativeBase):
@@ -55,6 +55,52 @@ class ConsentRow(Base):
     version: Mapped[str] = mapped_column(String(64))
     given: Mapped[float] = mapped_column(Float(53))
     withdrawn: Mapped[float | None] = mapped_column(Float(53))
+
+
+class TokenRow(Base):
+    """A token that was handed out, by its id; the token itself is stored nowhere."""
+
+    __tablename__ = "gateway_tokens"
+
+    id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    device: Mapped[str] = mapped_column(ForeignKey("gateway_devices.id"), index=True)
+    scopes: Mapped[str] = mapped_column(String(128))
+    created: Mapped[float] = mapped_column(Float(53))
+    expires: Mapped[float] = mapped_column(Float(53))
+    revoked: Mapped[float | None] = mapped_column(Float(53))
+
+
+class TransmitterRow(Base):
+    """What an enrolled carrier transmits with, as a keyed digest: the address itself is stored nowhere."""
+
+    __tablename__ = "gateway_transmitters"
+
+    digest: Mapped[str] = mapped_column(String(64), primary_key=True)
+    device: Mapped[str] = mapped_column(ForeignKey("gateway_devices.id"), index=True)
+
+
+class WalkerRow(Base):
+    """What trial walks told of how somebody walks."""
+
+    __tablename__ = "gateway_walkers"
+
+    device: Mapped[str] = mapped_column(ForeignKey("gateway_devices.id"), primary_key=True)
+    peak: Mapped[float | None] = mapped_column(Float(53))
+    mean: Mapped[float | None] = mapped_column(Float(53))
+    slope: Mapped[float | None] = mapped_column(Float(53))
+    offset: Mapped[float | None] = mapped_column(Float(53))
+    created: Mapped[float] = mapped_column(Float(53))
+
+
+class SpoolRow(Base):
+    """A message that waits for the bus, acknowledged to its phone already."""
+
+    __tablename__ = "gateway_spool"
+
+    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    device: Mapped[str] = mapped_column(String(64), index=True)
+    kind: Mapped[str] = mapped_column(String(16))
+    payload: Mapped[bytes] = mapped_column(LargeBinary)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,12 +20,12 @@ from prometheus_client import Counter
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.exceptions import HTTPException
 
-from services.gateway.enrolment import AttemptLimiter, key_of, qr_svg, qr_text, same_key
+from services.gateway.devices.enrolment import AttemptLimiter, key_of, qr_svg, qr_text, same_key
+from services.gateway.devices.known_tokens import KnownTokens
+from services.gateway.devices.own_position import OwnPositions
+from services.gateway.devices.storage import DeviceStore, Registered
 from services.gateway.errors import RequestError, read_json, refuse
-from services.gateway.known_tokens import KnownTokens
-from services.gateway.openapi import answers, complete, takes
-from services.gateway.own_position import OwnPositions
-from services.gateway.phone_book import PhoneBook, busy
+from services.gateway.phones.phone_book import PhoneBook, busy
 from services.gateway.protocol import (
     Batch,
     BatchReply,
@@ -36,7 +36,7 @@ from services.gateway.protocol import (
     Position,
 )
 from services.gateway.settings import GatewaySettings
-from services.gateway.storage import DeviceStore, Registered
+from services.gateway.web.openapi import answers, complete, takes
 
 __all__ = ["Gateway", "create_app"]
 

@@ -6,7 +6,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 
-from services.gateway.storage import Registered
+from services.gateway.devices.storage import Registered
 
 __all__ = ["KnownTokens"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, group_delay, sos2tf, sosfilt
 
-from services.gateway.resampling import RATE
+from services.gateway.reckoning.resampling import RATE
 
 __all__ = ["DETECTORS", "GatedPeaks", "StepDetector"]
 

@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from services.gateway.heading import UNKNOWN_VARIANCE, HeadingFilter, plan_heading
-from services.gateway.resampling import RATE, Resampler, Segment
-from services.gateway.step_detection import GatedPeaks, StepDetector
-from services.gateway.stride import USUAL_CADENCE, step_length
+from services.gateway.reckoning.heading import UNKNOWN_VARIANCE, HeadingFilter, plan_heading
+from services.gateway.reckoning.resampling import RATE, Resampler, Segment
+from services.gateway.reckoning.stride import USUAL_CADENCE, step_length
+from services.gateway.steps.gated_peaks import GatedPeaks, StepDetector
 
 __all__ = ["Activity", "DeadReckoner", "InertialSamples", "Motion"]
 

@@ -11,11 +11,11 @@ from typing import NoReturn
 import structlog
 from prometheus_client import Counter, Gauge
 
-from services.gateway.batch_check import Limits
+from services.gateway.devices.storage import Registered
 from services.gateway.errors import RequestError, read_json, refuse
-from services.gateway.phone import Phone
+from services.gateway.phones.batch_check import Limits
+from services.gateway.phones.phone import Phone
 from services.gateway.protocol import Batch, BatchReply, FieldError
-from services.gateway.storage import Registered
 from shared.bus import Bus, Publisher
 from shared.keys import Keys
 from shared.messages import Erasure, MotionBatch, RadioScan

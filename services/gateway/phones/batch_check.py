@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.gateway.dead_reckoning import InertialSamples
 from services.gateway.errors import refuse
 from services.gateway.protocol import Batch, RadioReadings
+from services.gateway.reckoning.dead_reckoning import InertialSamples
 from shared.messages import InertialColumns
 
 __all__ = ["Limits", "check_batch"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from services.gateway.batch_check import Limits, check_batch
-from services.gateway.clock import ClockAligner
-from services.gateway.dead_reckoning import DeadReckoner, Motion
+from services.gateway.phones.batch_check import Limits, check_batch
+from services.gateway.phones.clock import ClockAligner
 from services.gateway.protocol import Accepted, Batch, RadioReadings
+from services.gateway.reckoning.dead_reckoning import DeadReckoner, Motion
 from shared.messages import MotionBatch, RadioScan
 
 __all__ = ["Intake", "Phone"]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from services.gateway.resampling import RATE
+from services.gateway.reckoning.resampling import RATE
 
 __all__ = ["UNKNOWN_VARIANCE", "HeadingFilter", "Headings", "plan_heading"]
 

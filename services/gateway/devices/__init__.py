@@ -1,0 +1,1 @@
+"""Who may post: enrolment, consents, tokens, what is stored of a device."""

@@ -1,0 +1,1 @@
+"""When a step was taken: one protocol, the published detectors, and the one that ships."""

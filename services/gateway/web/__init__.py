@@ -1,0 +1,1 @@
+"""The gateway's HTTP: routes, who may ask, how errors are told."""
