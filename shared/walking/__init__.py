@@ -1,0 +1,1 @@
+"""Stride and motion models: what walking people do, for everybody who follows them."""
