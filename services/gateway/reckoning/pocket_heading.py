@@ -1,0 +1,149 @@
+"""Which way does somebody walk who has the phone in a trouser pocket? [nonvisual-visual-fusion-dissertation §2.5-2.6].
+
+A swinging thigh says nothing by how the phone points, but along which line it swings. Each stride gives a tentative
+line of walking; its sign, and all strides of the walk together, follow from the one vector of the phone that keeps
+pointing ahead while the phone stays as it lies in the pocket.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.gateway.reckoning.hops import Array, State
+from services.gateway.reckoning.recent import Recent
+from services.gateway.reckoning.step_heading import UNKNOWN_VARIANCE, StepHeadings
+from services.gateway.reckoning.strides import FOOTFALLS, SAMPLES, Strides, gather, rank, strides
+from services.gateway.steps.detector import Steps
+
+__all__ = ["PocketHeading", "principal_axis", "principal_harmonic", "swing_asymmetry"]
+
+_HARMONICS = np.exp(-2j * np.pi * np.outer(np.arange(SAMPLES), np.arange(1, 5)) / SAMPLES)  # of a stride
+
+
+class PocketHeading:
+    """Principal frequency, principal axis, constant body vector.
+
+    The dissertation does not say how the line gets its first sign. Here the thigh does: it swings forward faster than
+    it goes back, for the leg is longer on the ground than in the air, so that the angular rate is skewed towards
+    flexion. The evidence is added up as long as the phone stays where it is and turns the body vector round when it
+    speaks against it; until it is clear, ``other`` is the opposite heading.
+
+    Args:
+        memory: steps after which a step counts 1/e in the body vector: a phone slips about in its pocket.
+        robust: weigh a step by the inverse of how far it is off: the geometric median, which the printed Eq. 3.4 asks
+            for, instead of the mean, which its text asks for.
+    """
+
+    STATE = np.dtype(
+        [
+            ("footfalls", FOOTFALLS),
+            ("ahead", np.float64, (3,)),
+            ("weight", np.float64),
+            ("spread", np.float64),
+            ("evidence", np.float64),
+        ]
+    )
+    BIAS_VARIANCE = np.radians(4.0) ** 2
+    """rad², of what all steps have in common: the compass, and how thigh and walk differ."""
+    YIELDS = np.radians(3.0) ** 2
+    """rad², of a step: cloth yields."""
+    FIRST_SPREAD = np.radians(12.0) ** 2
+    """rad², of a stride's line, before there were strides to tell."""
+    LOG_ODDS = 4.0
+    """Of the sign, per unit of the gyroscope's skewness."""
+    ODDS_LIMIT = 6.0
+    """No sign is surer than exp(this) to one: people differ."""
+
+    def __init__(self, memory: float = 30.0, robust: bool = False) -> None:
+        self._keep = np.exp(-1.0 / memory)
+        self._robust = robust
+
+    def advance(self, state: State, recent: Recent, steps: Steps) -> StepHeadings:
+        """Return the headings of ``steps`` and change ``state`` (p,) of ``STATE`` in place."""
+        found = strides(state["footfalls"], recent, steps)
+        attitude = gather(recent.attitude, recent, steps.phone, found)
+        line = principal_axis(
+            np.einsum("mnij,mnj->mni", attitude[:, :, :2], principal_harmonic(_acceleration(recent, steps, found)))
+        )
+        rate = np.einsum("mnij,mnj->mni", attitude[:, :, :2], gather(recent.rate, recent, steps.phone, found))
+        cue = np.einsum("mi,mi->m", swing_asymmetry(rate), line)
+        turned = attitude.mean(axis=1)
+        body = np.einsum("mji,mj->mi", turned[:, :2], line)
+        place = rank(steps)
+        ahead, variance, odds = np.zeros((len(line), 2)), np.empty(len(line)), np.zeros(len(line))
+        for count in range(int(place.max(initial=-1)) + 1):
+            row = np.flatnonzero(place == count)
+            phone = steps.phone[row]
+            use = row[found.known[row]]
+            self._learn(state, steps.phone[use], body[use], cue[use])
+            ahead[row] = np.einsum("mij,mj->mi", turned[row, :2], state["ahead"][phone])
+            variance[row] = self._variance(state["weight"][phone], state["spread"][phone])
+            odds[row] = np.minimum(self.LOG_ODDS * state["evidence"][phone], self.ODDS_LIMIT)
+        heading = np.arctan2(ahead[:, 0], ahead[:, 1])
+        nothing = np.hypot(*ahead.T) < 1e-6
+        variance = np.where(nothing, UNKNOWN_VARIANCE, variance)
+        doubt = np.where(nothing, 0.0, 1.0 / (1.0 + np.exp(odds)))
+        other = np.where(nothing, heading, _wrap(heading + np.pi))
+        return StepHeadings(heading, variance, np.full(len(line), self.BIAS_VARIANCE), other, doubt)
+
+    def _learn(self, state: State, phone: NDArray[np.int64], body: Array, cue: Array) -> None:
+        """Take one stride of each of some phones into the body vector; ``body`` (k, 3) has no sign yet."""
+        ahead, weight = state["ahead"][phone], state["weight"][phone]
+        sign = np.where(np.einsum("ki,ki->k", body, ahead) < 0.0, -1.0, 1.0)
+        body = body * sign[:, None]
+        off = np.sum((body - ahead) ** 2, axis=1)
+        spread = np.where(weight > 0.0, state["spread"][phone], self.FIRST_SPREAD)
+        own = np.ones(len(phone))
+        if self._robust:
+            own = np.where(weight > 0.0, np.sqrt(spread / np.maximum(off, 0.1 * spread)), 1.0)
+        weight = self._keep * weight + own
+        gain = own / weight
+        state["spread"][phone] = spread + np.maximum(gain, 0.05) * (weight > own) * (off - spread)
+        ahead = ahead + gain[:, None] * (body - ahead)
+        evidence = self._keep * state["evidence"][phone] + cue * sign
+        turn = np.where(evidence < 0.0, -1.0, 1.0)
+        state["ahead"][phone], state["weight"][phone] = ahead * turn[:, None], weight
+        state["evidence"][phone] = np.abs(evidence)
+
+    def _variance(self, weight: Array, spread: Array) -> Array:
+        variance: Array = self.BIAS_VARIANCE + self.YIELDS + spread / np.maximum(weight, 1.0)
+        return np.minimum(variance, UNKNOWN_VARIANCE)
+
+
+def principal_harmonic(acceleration: Array) -> Array:
+    """Return the strongest of a stride's harmonics alone, all axes having the same: (m, SAMPLES, 3) in and out."""
+    spectrum = np.einsum("mni,nf->mfi", acceleration, _HARMONICS)
+    best = np.abs(spectrum).sum(axis=2).argmax(axis=1)
+    kept = np.take_along_axis(spectrum, best[:, None, None], axis=1)
+    wave: Array = (kept * _HARMONICS.conj().T[best][:, :, None]).real * (2.0 / SAMPLES)
+    return wave
+
+
+def principal_axis(horizontal: Array) -> Array:
+    """Return the first axis of the PCA of (m, n, 2), unit vectors (m, 2) without a sign."""
+    x, y = np.moveaxis(horizontal - horizontal.mean(axis=1, keepdims=True), 2, 0)
+    angle = 0.5 * np.arctan2(2.0 * np.sum(x * y, axis=1), np.sum(x * x, axis=1) - np.sum(y * y, axis=1))
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def swing_asymmetry(rate: Array) -> Array:
+    """Return which way a thigh swings faster than back, (m, 2) east and north: its length is about the skewness.
+
+    A thigh that swings forward turns about the axis that points to the right, and forward is up x right.
+
+    Args:
+        rate: (m, n, 2) horizontal angular rate, east and north, rad/s.
+    """
+    rate = rate - rate.mean(axis=1, keepdims=True)
+    power = np.sum(rate**2, axis=2)
+    skew = np.mean(rate * power[:, :, None], axis=1) / np.maximum(power.mean(axis=1), 1e-6)[:, None] ** 1.5
+    return np.column_stack([-skew[:, 1], skew[:, 0]])
+
+
+def _acceleration(recent: Recent, steps: Steps, found: Strides) -> Array:
+    return gather(recent.acceleration, recent, steps.phone, found)
+
+
+def _wrap(angle: Array) -> Array:
+    return -((-angle + np.pi) % (2.0 * np.pi) - np.pi)
