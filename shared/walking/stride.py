@@ -1,7 +1,12 @@
-"""How long is a step? From its cadence and its bounce for anybody, from a line of their own for people who are known.
+"""How long is a step? From cadence and bounce for anybody, from a line of their own for people who are known.
 
 A length is wrong in two ways that a filter must tell apart: each step by itself, and all steps of a walk by one factor,
 since people and phones differ. Every prediction says how much of either.
+
+The universal model, ``a f + b + c bounce^¼``, was fitted to the traces of ``indoor-location`` (``atrium bench
+dead-reckoning``). That a quicker step is a shorter one *at the same bounce* is the inverted pendulum's law: bounce grows
+with length times cadence, squared. Two surveyors are not everybody, and people of ``step-counter`` who walk at the
+same cadence differ in bounce by a factor of two: what the traces say of a and c is therefore believed by three quarters.
 """
 
 from __future__ import annotations
@@ -11,20 +16,32 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BOUNCE_WINDOW", "StepLengths", "StrideLine", "step_lengths"]
+__all__ = ["BOUNCE_WINDOW", "CADENCES", "USUAL_CADENCE", "StepLengths", "StrideLine", "by_height", "step_lengths"]
 
 Array = NDArray[np.float64]
 
-BOUNCE_WINDOW = 0.6
-"""s, half of it on either side of a step: within it the acceleration's norm rises and falls once at least."""
-CADENCES = (1.0, 3.0)
-"""Steps per second between which people walk; others are taken for the nearer of the two."""
+USUAL_CADENCE = 1.85
+"""Steps per second, ± 0.12 between walks."""
+BOUNCE_WINDOW = 1.0
+"""s, half of it on either side of a step."""
+CADENCES = (1.5, 2.3)
+"""Steps per second between which the universal model knows anything; beyond, the nearer one counts."""
 LENGTHS = (0.3, 1.3)
 """m."""
-STEP_SIGMA = 0.08
-"""Of a step's length against the mean of its walk, as a share."""
-SCALE_SIGMA = 0.07
-"""Of a walk's lengths against the universal model, as a share."""
+HEIGHT = 1.72
+"""m, of people of whom nothing is known."""
+
+USUAL_LENGTH, USUAL_BOUNCE = 0.678, 8.0
+PER_CADENCE = -0.30
+"""m per step/s at the same bounce."""
+PER_BOUNCE = 0.35
+"""m per (m/s²)^¼."""
+
+STEP_SIGMA = 0.10
+"""Of a step's length against the others of its walk, as a share."""
+SCALE_SIGMA = 0.08
+"""Of a walk's lengths against the universal model with bounce, as a share; ``UNSEEN_SIGMA`` without."""
+UNSEEN_SIGMA = 0.12
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,17 +81,28 @@ def step_lengths(cadence: Array, bounce: Array, line: StrideLine | None = None) 
 
     Args:
         cadence: (m,) steps per second, 1 / time since the step before; NaN where there is none.
-        bounce: (m,) m/s², range of the acceleration's norm within ``BOUNCE_WINDOW``; NaN where the phone is not held
-            in the hand, since in a pocket it says more of the leg than of the length.
+        bounce: (m,) m/s², peak to peak of the acceleration's norm at the rhythm of steps; NaN where the phone is not
+            held in the hand, since in a pocket it says more of the leg than of the length.
         line: what is known of the steps' people.
     """
-    del bounce
-    f = np.clip(np.where(np.isfinite(cadence), cadence, 1.86), *CADENCES)
-    length = np.full(f.shape, 0.70)
-    scale = np.full(f.shape, SCALE_SIGMA**2)
+    known_cadence = np.where(np.isfinite(cadence), cadence, USUAL_CADENCE)
+    held = np.isfinite(bounce)
+    bounced = np.maximum(np.where(held, bounce, 0.0), 0.0) ** 0.25 - USUAL_BOUNCE**0.25
+    quicker = np.clip(known_cadence, *CADENCES) - USUAL_CADENCE
+    length = np.where(held, USUAL_LENGTH + PER_CADENCE * quicker + PER_BOUNCE * bounced, by_height(known_cadence))
+    scale = np.where(held, SCALE_SIGMA**2, UNSEEN_SIGMA**2)
     if line is not None:
         known = (np.asarray(line.slope) != 0.0) | (np.asarray(line.offset) != 0.0)
-        length = np.where(known, line.slope * f + line.offset, length)
+        length = np.where(known, line.slope * known_cadence + line.offset, length)
         scale = np.where(known, line.scale_variance, scale)
     length = np.clip(length, *LENGTHS)
     return StepLengths(length, length**2 * (STEP_SIGMA**2 + scale), scale)
+
+
+def by_height(cadence: Array, height: float = HEIGHT) -> Array:
+    """Return ``height (a cadence + b)`` (m,) m [ravel-thesis §6.2, Eq. 4.3/5.2], for phones whose bounce says nothing.
+
+    The thesis leaves a and b open; these give 0.70 m at the usual cadence and the slope of the example user of
+    [self-calibrating-rss-thesis §3.6], 0.35 m per step/s.
+    """
+    return height * (0.203 * cadence + 0.031)
