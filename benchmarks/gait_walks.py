@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -247,8 +247,3 @@ def _smooth_turns(t: Array, times: Array, turns: Array, seconds: float = 1.5) ->
     """Return a heading (n,) that turns by ``turns`` about ``times``."""
     share = np.clip((t[:, None] - times) / seconds + 0.5, 0.0, 1.0)
     return (share * share * (3.0 - 2.0 * share)) @ turns
-
-
-def with_attitude(walk: Walk, attitude: Array) -> Walk:
-    """Return the walk with another filter's attitude (n, 3, 3)."""
-    return replace(walk, attitude=attitude)
