@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from services.gateway.phones.batch_check import Limits, check_batch
 from services.gateway.phones.clock import ClockAligner
 from services.gateway.protocol import Accepted, Batch, RadioReadings
-from services.gateway.reckoning.dead_reckoning import DeadReckoner, Motion
+from services.gateway.reckoning.dead_reckoning import DeadReckoner, Motion, Walk
 from shared.messages import MotionBatch, RadioScan
 
 __all__ = ["Intake", "Phone"]
@@ -42,10 +42,10 @@ class Phone:
         self.outbox: deque[RadioScan | MotionBatch] = deque()
         """What is not yet on the bus; a batch is acknowledged only when this is empty."""
         self._access_points = access_points
-        self._north = north
+        self._reckoner = DeadReckoner(north)
         self._heading_known = heading_known
         self._clock = ClockAligner()
-        self._walk: DeadReckoner | None = None
+        self._walk: Walk | None = None
         self._seen: set[int] = set()
         self._highest = -1
         self._radio_seq = 0
@@ -67,9 +67,9 @@ class Phone:
         readings = sum(self._take_scan(scan, offset, ignored) for scan in batch.radio)
         used = 0
         if samples is not None:
-            walk = self._walk = self._walk or DeadReckoner(self._north, self._heading_known)
+            walk = self._walk = self._walk or Walk("hand" if self._heading_known else "pocket")
             late = walk.late
-            for motion in walk.push(samples):
+            for motion in self._reckoner.advance([walk], [samples])[0]:
                 self._tell(motion, offset)
             late = walk.late - late
             used = len(samples.t) - late
@@ -131,6 +131,14 @@ class Phone:
                 length_variance=motion.length_variance.tolist(),
                 heading=motion.heading.tolist(),
                 heading_variance=motion.heading_variance.tolist(),
+                step_t_variance=motion.step_t_variance.tolist(),
+                other_heading=motion.other_heading.tolist(),
+                other_probability=motion.other_probability.tolist(),
+                walk=motion.walk,
+                heading_bias_variance=motion.heading_bias_variance,
+                length_scale_variance=motion.length_scale_variance,
+                turn_t=(motion.turn_t + offset).tolist(),
+                turn=motion.turn.tolist(),
             )
         )
         self._motion_seq += 1

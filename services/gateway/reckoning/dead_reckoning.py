@@ -1,168 +1,292 @@
-"""Where did the phone's steps lead? Inertial samples in, steps with length and heading out, one object per phone."""
+"""Where did the phones' steps lead? Inertial samples of many phones in, steps with length and heading out.
+
+The order of work on a hop: gyro bias, attitude, steps, then for each step its heading and its length, and the turns.
+Every algorithm is one file with a ``STATE``; the states of one phone are one record, in ``Walk``.
+"""
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from services.gateway.reckoning.heading import UNKNOWN_VARIANCE, HeadingFilter, plan_heading
-from services.gateway.reckoning.resampling import RATE, Resampler, Segment
-from services.gateway.reckoning.stride import USUAL_CADENCE, step_length
-from services.gateway.steps.gated_peaks import GatedPeaks, StepDetector
+from services.gateway.reckoning.attitude import Attitude
+from services.gateway.reckoning.bounce import bounce
+from services.gateway.reckoning.carrying import Carrying, CarryingDetection
+from services.gateway.reckoning.complementary import ComplementaryFilter, trusted_field
+from services.gateway.reckoning.gyro_bias import GyroBias
+from services.gateway.reckoning.hand_heading import HandHeading
+from services.gateway.reckoning.hops import RATE, Array, Hops, State
+from services.gateway.reckoning.plan_heading import plan_heading
+from services.gateway.reckoning.pocket_heading import PocketHeading
+from services.gateway.reckoning.recent import RECENT, Recent, remember
+from services.gateway.reckoning.resampling import InertialSamples, SingleHop, stack
+from services.gateway.reckoning.step_heading import UNKNOWN_VARIANCE, StepHeading, StepHeadings
+from services.gateway.reckoning.turns import TurnDetection, Turns
+from services.gateway.reckoning.walk import Activity, Motion, Walk
+from services.gateway.reckoning.walking_detection import WalkingDetection
+from services.gateway.steps.detector import StepDetector, Steps
+from services.gateway.steps.gated_peaks import GatedPeaks
+from shared.walking.stride import StepLengths, StrideLine, step_lengths
 
-__all__ = ["Activity", "DeadReckoner", "InertialSamples", "Motion"]
+__all__ = ["Carrying", "DeadReckoner", "InertialSamples", "Motion", "Walk"]
 
-Array = NDArray[np.float64]
-Activity = Literal["still", "walking", "other"]
-
-REPORT_EVERY = 1.0
-MEMORY = int(8.0 * RATE)
-"""Samples of heading kept, since steps are released backwards when walking is sure."""
-HEADING_WINDOW = 0.5
-"""Seconds on either side of a step over which its heading is averaged: one stride of sway cancels."""
+LONG_STOP = 10.0
+"""Seconds without a step after which a new walk begins: by then the phone may be held another way."""
+INTERVALS = (0.2, 1.4)
+"""Seconds between which a step follows the one before it."""
+STEP_T_VARIANCE = 0.05**2
+"""s², of when a foot struck."""
 STILL_SIGMA = 0.25
 """m/s²: a phone whose acceleration varies less is lying or held still."""
+COMPASS_SECONDS = 1.0
+"""Of a trusted field before a compass heading is believed."""
 
-
-@dataclass(frozen=True, slots=True)
-class InertialSamples:
-    """Samples in the phone's axes (x right, y to the top, z out of the screen)."""
-
-    t: Array
-    """(n,) seconds, phone clock."""
-    acceleration: Array
-    """(n, 3) m/s², gravity included."""
-    rotation: Array
-    """(n, 3) rad/s."""
-    field: Array | None
-    """(n, 3) µT, or None where there is no compass."""
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """What happened between ``t_start`` and ``t``, times on the phone's clock.
-
-    Steps are told once and in order of time; when walking is recognised its first steps lie before the end of the
-    report before, and ``t_start`` reaches back to the first of them.
-    """
-
-    t_start: float
-    t: float
-    activity: Activity
-    step_t: Array = field(default_factory=lambda: np.empty(0))
-    """(n,) seconds."""
-    length: Array = field(default_factory=lambda: np.empty(0))
-    """(n,) metres."""
-    length_variance: Array = field(default_factory=lambda: np.empty(0))
-    heading: Array = field(default_factory=lambda: np.empty(0))
-    """(n,) radians, counter-clockwise from the plan's +x."""
-    heading_variance: Array = field(default_factory=lambda: np.empty(0))
+_WALKED = np.dtype([("last_step", np.float64), ("compass", np.float64), ("walk", np.int64)])
 
 
 class DeadReckoner:
-    """Streaming pedestrian dead reckoning of one phone; about 30 kB of state, no work between pushes.
+    """Pedestrian dead reckoning of many phones, streaming. It holds no state of any phone: that is in each ``Walk``.
 
     Args:
-        north: direction of north on the plan, radians counter-clockwise from +x.
-        heading_known: False for a phone in a pocket or bag, whose axes say nothing about the walking direction.
-        detector: which step detector.
+        north: direction of magnetic north on the plan, radians counter-clockwise from +x.
+        attitude: which attitude filter.
+        detectors: which step detector for which way of carrying.
+        hand: heading of steps whose phone is held.
+        pocket: heading of steps whose phone is in a pocket.
     """
 
-    def __init__(self, north: float, heading_known: bool = True, detector: StepDetector | None = None) -> None:
+    def __init__(
+        self,
+        north: float,
+        attitude: Attitude | None = None,
+        detectors: Mapping[Carrying, StepDetector] | None = None,
+        hand: StepHeading | None = None,
+        pocket: StepHeading | None = None,
+    ) -> None:
         self._north = north
-        self._heading_known = heading_known
-        self._detector: StepDetector = detector or GatedPeaks()
-        self._resampler = Resampler()
-        self._compass = HeadingFilter()
-        self._memory: deque[Array] = deque()
-        self._remembered = 0
-        self._waiting: list[Array] = []
-        self._norms: list[Array] = []
-        self._begin: float | None = None
-        self._last_step = -np.inf
+        self._attitude = attitude or ComplementaryFilter()
+        self._bias = GyroBias()
+        self._walking = WalkingDetection()
+        self._carrying = CarryingDetection()
+        self._turns = TurnDetection()
+        gated = GatedPeaks()
+        everywhere: dict[Carrying, StepDetector] = {"hand": gated, "pocket": gated, "bag": gated, "unknown": gated}
+        self._detectors = {**everywhere, **(detectors or {})}
+        self._hand = hand or HandHeading()
+        self._pocket = pocket or PocketHeading()
+        self._records = {carrying: self._record(carrying) for carrying in self._detectors}
 
-    @property
-    def late(self) -> int:
-        """Samples dropped so far because their time had been passed."""
-        return self._resampler.late
+    def _record(self, carrying: Carrying) -> np.dtype[np.void]:
+        states = {
+            "bias": self._bias.STATE,
+            "walked": _WALKED,
+            "attitude": self._attitude.STATE,
+            "recent": RECENT,
+            "detector": self._detectors[carrying].STATE,
+            "walking": self._walking.STATE,
+            "carrying": self._carrying.STATE,
+            "turns": self._turns.STATE,
+            "hand": self._hand.STATE,
+            "pocket": self._pocket.STATE,
+        }
+        ends = np.cumsum([-(-state.itemsize // 8) * 8 for state in states.values()])  # NumPy likes fields aligned
+        return np.dtype(
+            {
+                "names": list(states),
+                "formats": list(states.values()),
+                "offsets": [0, *ends[:-1].tolist()],
+                "itemsize": int(ends[-1]),
+            }
+        )
 
-    def push(self, samples: InertialSamples) -> list[Motion]:
-        """Take samples, at any rate and with any jitter; return the reports that are complete, about one a second."""
-        columns = [samples.acceleration, samples.rotation]
-        if samples.field is not None:
-            columns.append(samples.field)
-        reports = []
-        for segment in self._resampler.push(samples.t, np.concatenate(columns, axis=1)):
-            if segment.restarts:
-                reports += self._report(self._begin)
-                self._restart(float(segment.t[0]))
-            self._take(segment)
-            if segment.t[-1] - (self._begin or 0.0) >= REPORT_EVERY - 1.5 / RATE:
-                reports += self._report(float(segment.t[-1]))
-        return reports
+    def advance(self, walks: Sequence[Walk], samples: Sequence[InertialSamples]) -> list[list[Motion]]:
+        """Take samples of p phones, at any rate and with any jitter; ``walks`` are changed in place.
 
-    def _restart(self, t: float) -> None:
-        self._detector.reset()
-        self._compass.reset()
-        self._memory.clear()
-        self._remembered = 0
-        self._begin = t
-        self._last_step = -np.inf
+        Returns:
+            for each phone the reports that are complete, one for each second or part of it between two holes.
+        """
+        return self._work(walks, [walk.resampler.push(part) for walk, part in zip(walks, samples, strict=True)])
 
-    def _take(self, segment: Segment) -> None:
-        acceleration, rotation = segment.values[:, :3], segment.values[:, 3:6]
-        magnetic = segment.values[:, 6:9] if segment.values.shape[1] == 9 else None
-        headings = self._compass.push(acceleration, rotation, magnetic)
-        norm = np.linalg.norm(acceleration, axis=1)
-        self._memory.append(np.stack([segment.t, headings.heading, headings.variance], axis=1))
-        self._remembered += len(norm)
-        while self._remembered - len(self._memory[0]) >= MEMORY:
-            self._remembered -= len(self._memory.popleft())
-        self._norms.append(norm)
-        self._waiting.append(self._detector.push(segment.t, norm))
+    def finish(self, walks: Sequence[Walk]) -> list[list[Motion]]:
+        """Return what is left at the end of p recordings; what comes next begins anew."""
+        return self._work(walks, [walk.resampler.finish() for walk in walks])
 
-    def _report(self, t: float | None) -> list[Motion]:
-        if t is None or self._begin is None or not self._norms:
-            return []
-        steps, norm = np.concatenate(self._waiting), np.concatenate(self._norms)
-        self._waiting, self._norms = [], []
-        begin, self._begin = self._begin, t
-        if not len(steps):
-            activity: Activity = "walking" if self._detector.walking else "other"
-            if not self._detector.walking and float(np.std(norm)) < STILL_SIGMA:
-                activity = "still"
-            return [Motion(begin, t, activity)]
-        intervals = np.diff(steps, prepend=self._last_step)
-        self._last_step = float(steps[-1])
-        usual = self._detector.cadence or USUAL_CADENCE
-        cadence = np.where((intervals > 0.2) & (intervals < 1.4), 1.0 / np.maximum(intervals, 0.2), usual)
-        length, length_variance = step_length(cadence)
-        heading, heading_variance = self._headings_at(steps)
-        return [
-            Motion(
-                t_start=min(begin, float(steps[0])),
-                t=t,
-                activity="walking",
-                step_t=steps,
-                length=length,
-                length_variance=length_variance,
-                heading=plan_heading(heading, self._north),
-                heading_variance=heading_variance,
+    def _work(self, walks: Sequence[Walk], hops: Sequence[Sequence[SingleHop]]) -> list[list[Motion]]:
+        told: list[list[Motion]] = [[] for _ in walks]
+        done = 0
+        while True:
+            groups: dict[Carrying, list[int]] = {}
+            for row, waiting in enumerate(hops):
+                if len(waiting) > done:
+                    groups.setdefault(walks[row].carrying, []).append(row)
+            if not groups:
+                return told
+            for carrying, rows in groups.items():
+                motions = self._hop(carrying, [walks[row] for row in rows], stack([hops[row][done] for row in rows]))
+                for row, motion in zip(rows, motions, strict=True):
+                    told[row].append(motion)
+            done += 1
+
+    def _hop(self, carrying: Carrying, walks: Sequence[Walk], hops: Hops) -> list[Motion]:
+        """Take one hop of each of p phones that are carried the same way."""
+        dtype = self._records[carrying]
+        for walk in walks:
+            if walk.record is None or len(walk.record) != dtype.itemsize:
+                walk.record = np.zeros(dtype.itemsize, np.uint8)
+        bytes_ = np.stack([walk.record for walk in walks if walk.record is not None])
+        record = bytes_.view(dtype)[:, 0]
+        for name in dtype.names or ():
+            if name != "bias":
+                record[name][hops.fresh] = np.zeros((), dtype[name])
+        motions = self._reckon(carrying, walks, record, hops)
+        for row, walk in zip(bytes_, walks, strict=True):
+            walk.record = row.copy()
+        return motions
+
+    def _reckon(self, carrying: Carrying, walks: Sequence[Walk], record: State, hops: Hops) -> list[Motion]:
+        rate = self._bias.advance(record["bias"], hops)
+        attitude = self._attitude.advance(record["attitude"], hops, rate)
+        recent = remember(record["recent"], hops, rate, attitude)
+        steps = self._detectors[carrying].advance(record["detector"], hops)
+        since = self._walking.advance(record["walking"], hops)
+        turns = self._turns.advance(record["turns"], hops, attitude, steps.walking)
+        walked = record["walked"]
+        walked["compass"] += trusted_field(hops.field).sum(axis=1) / RATE
+        in_pocket = np.full(len(walks), carrying in ("pocket", "bag"))
+        if carrying == "unknown":
+            in_pocket = self._carrying.advance(record["carrying"], rate, steps.walking)
+        stepped = _Stepped.none()
+        if len(steps.phone):
+            cadence = _cadence(walked["last_step"], steps)
+            bounces = np.where(in_pocket[steps.phone], np.nan, bounce(recent, steps))
+            lengths = step_lengths(cadence, bounces, _lines(walks, steps.phone))
+            headings = self._headings(record, recent, steps, in_pocket)
+            stepped = _Stepped(steps, lengths, _admitted(headings, walked["compass"][steps.phone] < COMPASS_SECONDS))
+            _count_walks(walks, walked, steps)
+        norm = np.sqrt(np.einsum("pni,pni->pn", hops.acceleration, hops.acceleration))
+        moves = steps.walking | (np.isfinite(since) & (walked["last_step"] > hops.t - 1.0))
+        return self._motions(walks, hops, moves, norm.std(axis=1) < STILL_SIGMA, stepped, turns)
+
+    def _headings(self, record: State, recent: Recent, steps: Steps, in_pocket: NDArray[np.bool_]) -> StepHeadings:
+        pocket = in_pocket[steps.phone]
+        if not pocket.any():
+            return self._hand.advance(record["hand"], recent, steps)
+        if pocket.all():
+            return self._pocket.advance(record["pocket"], recent, steps)
+        held = self._hand.advance(record["hand"], recent, _of(steps, ~pocket))
+        swung = self._pocket.advance(record["pocket"], recent, _of(steps, pocket))
+        order = np.argsort(np.concatenate([np.flatnonzero(~pocket), np.flatnonzero(pocket)]))
+        names = StepHeadings.__dataclass_fields__
+        return StepHeadings(*(np.concatenate([getattr(held, n), getattr(swung, n)])[order] for n in names))
+
+    def _motions(
+        self,
+        walks: Sequence[Walk],
+        hops: Hops,
+        moves: NDArray[np.bool_],
+        still: NDArray[np.bool_],
+        stepped: _Stepped,
+        turns: Turns,
+    ) -> list[Motion]:
+        begins = hops.t - 0.5 / RATE
+        ends = begins + hops.count / RATE
+        rows = np.arange(len(walks) + 1)
+        cut, turn_cut = np.searchsorted(stepped.steps.phone, rows), np.searchsorted(turns.phone, rows)
+        heading, other = (plan_heading(h, self._north) for h in (stepped.headings.heading, stepped.headings.other))
+        motions = []
+        for row, walk in enumerate(walks):
+            begin, end = float(begins[row]), float(ends[row])
+            of, turn = slice(cut[row], cut[row + 1]), slice(turn_cut[row], turn_cut[row + 1])
+            if of.stop == of.start:
+                activity: Activity = "walking" if moves[row] else "still" if still[row] else "other"
+                motions.append(
+                    Motion(begin, end, activity, walk=walk.walks, turn_t=turns.t[turn], turn=turns.angle[turn])
+                )
+                continue
+            step_t = stepped.steps.t[of]
+            motions.append(
+                Motion(
+                    t_start=min(begin, float(step_t[0])),
+                    t=max(end, float(step_t[-1])),
+                    activity="walking",
+                    step_t=step_t,
+                    step_t_variance=np.full(len(step_t), STEP_T_VARIANCE),
+                    length=stepped.lengths.length[of],
+                    length_variance=stepped.lengths.variance[of],
+                    heading=heading[of],
+                    heading_variance=stepped.headings.variance[of],
+                    other_heading=other[of],
+                    other_probability=stepped.headings.other_probability[of],
+                    walk=walk.walks,
+                    heading_bias_variance=float(stepped.headings.bias_variance[of][-1]),
+                    length_scale_variance=float(stepped.lengths.scale_variance[of][-1]),
+                    turn_t=turns.t[turn],
+                    turn=turns.angle[turn],
+                )
             )
-        ]
+        return motions
 
-    def _headings_at(self, steps: Array) -> tuple[Array, Array]:
-        memory = np.concatenate(list(self._memory))
-        t, heading, variance = memory.T
-        ahead = np.concatenate([[0.0], np.cumsum(np.cos(heading))])
-        aside = np.concatenate([[0.0], np.cumsum(np.sin(heading))])
-        low = np.minimum(np.searchsorted(t, steps - HEADING_WINDOW), len(t) - 1)
-        high = np.maximum(np.searchsorted(t, steps + HEADING_WINDOW), low + 1)
-        mean = np.arctan2(aside[high] - aside[low], ahead[high] - ahead[low])
-        if not self._heading_known:
-            return mean, np.full(len(steps), UNKNOWN_VARIANCE)
-        return mean, np.interp(steps, t, variance)
+
+@dataclass(frozen=True, slots=True)
+class _Stepped:
+    steps: Steps
+    lengths: StepLengths
+    headings: StepHeadings
+
+    @classmethod
+    def none(cls) -> _Stepped:
+        empty = np.empty(0)
+        steps = Steps(np.empty(0, np.int64), empty, np.empty(0, np.bool_), empty)
+        return cls(steps, StepLengths(empty, empty, empty), StepHeadings(empty, empty, empty, empty, empty))
+
+
+def _of(steps: Steps, which: NDArray[np.bool_]) -> Steps:
+    return Steps(steps.phone[which], steps.t[which], steps.walking, steps.period)
+
+
+def _cadence(last_step: Array, steps: Steps) -> Array:
+    """Return steps per second (m,) from the time since the step before; at the beginning, from what comes next."""
+    first = np.diff(steps.phone, prepend=-1) != 0
+    interval = np.diff(steps.t, prepend=np.nan)
+    interval[first] = steps.t[first] - last_step[steps.phone[first]]
+    follows = (interval > INTERVALS[0]) & (interval < INTERVALS[1])
+    after = np.append(np.where(first[1:], np.nan, interval[1:]), np.nan)
+    after = np.where(np.isfinite(after), after, steps.period[steps.phone])
+    interval = np.where(follows, interval, np.where(after > 0.0, after, np.nan))
+    return 1.0 / interval
+
+
+def _lines(walks: Sequence[Walk], phone: NDArray[np.int64]) -> StrideLine | None:
+    """Return the stride models of the steps' people."""
+    if all(walk.line is None for walk in walks):
+        return None
+    nobody = (0.0, 0.0, 0.0)
+    lines = [(w.line.slope, w.line.offset, w.line.scale_variance) if w.line else nobody for w in walks]
+    return StrideLine(*np.array(lines, float)[phone].T)
+
+
+def _admitted(headings: StepHeadings, blind: NDArray[np.bool_]) -> StepHeadings:
+    """Return headings where those of phones without a compass are unknown, by an error that the walk has in common."""
+    if not blind.any():
+        return headings
+    return StepHeadings(
+        headings.heading,
+        np.where(blind, UNKNOWN_VARIANCE, headings.variance),
+        np.where(blind, UNKNOWN_VARIANCE, headings.bias_variance),
+        headings.other,
+        np.where(blind, 0.0, headings.other_probability),
+    )
+
+
+def _count_walks(walks: Sequence[Walk], walked: State, steps: Steps) -> None:
+    """Begin a new walk where steps come after a restart or a long stop, and remember the newest step."""
+    first = np.flatnonzero(np.diff(steps.phone, prepend=-1))
+    phones = steps.phone[first]
+    last = walked["last_step"][phones]
+    anew = (last == 0.0) | (steps.t[first] - last > LONG_STOP)
+    for phone in phones[anew]:
+        walks[phone].walks += 1
+    walked["last_step"][steps.phone] = steps.t

@@ -1,90 +1,240 @@
-"""Which samples at even times do these uneven ones stand for? Streaming, whatever the phone's sample clock does."""
+"""Which samples at even times do a phone's uneven ones stand for? Streaming, whatever its sample clock does."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RATE", "Resampler", "Segment"]
+from services.gateway.reckoning.hops import HOP, RATE, Array, Hops
 
-RATE = 50.0
-"""Hz; what all of dead reckoning works at."""
+__all__ = ["CLOCK_BACK", "LONGEST_GAP", "WAIT", "InertialSamples", "Resampler", "SingleHop", "stack"]
+
 LONGEST_GAP = 0.3
 """Seconds bridged by a straight line; phones leave holes to 0.1 s (Android), polling loggers to 0.3 s."""
-CLOCK_JUMP = 5.0
-"""A batch that ends this many seconds before data already used means that the phone's clock was set back."""
+WAIT = 0.3
+"""Seconds for which samples may still come out of order, from batch to batch too."""
+CLOCK_BACK = 5.0
+"""A sample this many seconds before one that came earlier means that the phone's clock was set back."""
 
-Array = NDArray[np.float64]
+_GAP = int(LONGEST_GAP * RATE)
+_FIELD = slice(6, 9)
+_MOST = 1000  # samples kept without looking at them
 
 
 @dataclass(frozen=True, slots=True)
-class Segment:
-    """Evenly spaced samples without a hole."""
+class InertialSamples:
+    """Samples in the phone's axes (x right, y to the top, z out of the screen)."""
 
     t: Array
-    """(n,) seconds, ``1 / RATE`` apart."""
+    """(n,) seconds, phone clock."""
+    acceleration: Array
+    """(n, 3) m/s², gravity included."""
+    rotation: Array | None
+    """(n, 3) rad/s, or None where there is no gyroscope."""
+    field: Array | None
+    """(n, 3) µT, or None where there is no compass; NaN where it has no sample at this time."""
+
+
+@dataclass(frozen=True, slots=True)
+class SingleHop:
+    """One hop of one phone: what ``Hops`` has of many."""
+
+    t: float
+    count: int
+    fresh: bool
     values: Array
-    """(n, k)."""
-    restarts: bool
-    """True where this segment does not continue the one before it: filters must forget."""
+    """(HOP, 9): acceleration, rotation, field."""
+
+
+def stack(hops: Sequence[SingleHop]) -> Hops:
+    """Return one hop of each of p phones as arrays."""
+    values = np.stack([hop.values for hop in hops])
+    return Hops(
+        t=np.array([hop.t for hop in hops]),
+        count=np.array([hop.count for hop in hops]),
+        fresh=np.array([hop.fresh for hop in hops]),
+        acceleration=values[:, :, 0:3],
+        rotation=values[:, :, 3:6],
+        field=values[:, :, _FIELD],
+    )
 
 
 class Resampler:
-    """Averages samples into bins of ``1 / RATE`` s and bridges short holes; state is one open bin.
+    """Averages the samples of one phone in bins of ``1 / RATE`` s, bridges short holes and cuts the rest into hops.
 
-    Samples may come with jitter, doubled and out of order inside a push; those older than the open bin are dropped.
-    The result does not depend on how a recording is cut into pushes, as long as the cuts are in order of time.
+    Samples may come unevenly, doubled and out of order by ``WAIT``, within a batch and from batch to batch; older ones
+    are dropped. What comes out depends on the samples in the order in which they came, not on how they were cut into
+    batches.
     """
+
+    __slots__ = (
+        "_due",
+        "_field",
+        "_field_bin",
+        "_fresh",
+        "_index",
+        "_kept",
+        "_means",
+        "_newest",
+        "_open",
+        "_start",
+        "_waiting",
+        "late",
+    )
 
     def __init__(self) -> None:
         self.late = 0
-        """Samples dropped because their time had been passed."""
-        self._open_t = np.empty(0)
-        self._open_values = np.empty((0, 0))
-        self._last_bin: int | None = None
-        self._last_values = np.empty(0)
+        """Samples dropped so far because their time had been passed."""
+        self._waiting: list[Array] = []
+        self._kept = 0
+        self._restart()
 
-    def push(self, t: Array, values: Array) -> list[Segment]:
-        """Take samples at times ``t`` (n,), finite, with ``values`` (n, k); return what is complete."""
-        if not len(t):
+    def _restart(self) -> None:
+        self._open = np.empty((0, 10))  # of bins that may still get samples
+        self._newest = -np.inf
+        self._due = -np.inf
+        self._index = np.empty(0, np.int64)  # bins of the next hop that have samples, and the last one before it
+        self._means = np.empty((0, 9))
+        self._field, self._field_bin = np.full(3, np.nan), -(2**62)
+        self._start: int | None = None  # bin in which the next hop begins
+        self._fresh = True
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of memory held."""
+        return sum(rows.nbytes for rows in (*self._waiting, self._open, self._index, self._means))
+
+    def push(self, samples: InertialSamples) -> list[SingleHop]:
+        """Take samples in the order in which they came; return the hops that are complete.
+
+        Work is done once a hop is due; until then samples are only kept.
+        """
+        n = len(samples.t)
+        if not n:
             return []
-        if len(self._open_t):
-            if t.max() < self._open_t[0] - CLOCK_JUMP or values.shape[1] != self._open_values.shape[1]:
-                self._last_bin = None
-            else:
-                t = np.concatenate([self._open_t, t])
-                values = np.concatenate([self._open_values, values])
-        t, first = np.unique(t, return_index=True)  # in order of time, doubles gone
-        values = values[first]
-        bins = np.floor(t * RATE).astype(np.int64)
-        if self._last_bin is not None:
-            fresh = int(np.searchsorted(bins, self._last_bin, side="right"))
-            self.late += fresh
-            t, values, bins = t[fresh:], values[fresh:], bins[fresh:]
-            if not len(t):
-                return []
-        closed = int(np.searchsorted(bins, bins[-1]))
-        self._open_t, self._open_values = t[closed:], values[closed:]
-        return self._close(bins[:closed], values[:closed]) if closed else []
+        rows = np.zeros((n, 10))
+        rows[:, 0] = samples.t
+        rows[:, 1:4] = samples.acceleration
+        if samples.rotation is not None:
+            rows[:, 4:7] = samples.rotation
+        rows[:, 7:10] = np.nan if samples.field is None else samples.field
+        self._waiting.append(rows)
+        self._kept += n
+        if self._kept < _MOST and samples.t.max() < self._due and samples.t.min() > self._newest - CLOCK_BACK:
+            return []
+        return self._work()
 
-    def _close(self, bins: NDArray[np.int64], values: Array) -> list[Segment]:
+    def finish(self) -> list[SingleHop]:
+        """Return what is left at the end of a recording."""
+        hops = self._work() + self._end()
+        self._restart()
+        return hops
+
+    def _work(self) -> list[SingleHop]:
+        if not self._waiting:
+            return []
+        rows, self._waiting, self._kept = np.concatenate(self._waiting), [], 0
+        hops: list[SingleHop] = []
+        while len(rows):
+            newest = np.maximum(np.maximum.accumulate(rows[:, 0]), self._newest)
+            behind = newest - rows[:, 0]
+            set_back = np.flatnonzero(behind > CLOCK_BACK)
+            stop = int(set_back[0]) if len(set_back) else len(rows)
+            if stop:
+                self._newest = float(newest[stop - 1])
+                in_time = behind[:stop] <= WAIT
+                self.late += stop - int(np.count_nonzero(in_time))
+                hops += self._take(rows[:stop][in_time])
+            rows = rows[stop:]
+            if len(rows):
+                hops += self._end()
+                self._restart()
+        self._due = self._newest if self._start is None else (self._start + HOP) / RATE + WAIT
+        return hops
+
+    def _take(self, rows: Array) -> list[SingleHop]:
+        rows = np.concatenate([self._open, rows])
+        steps = np.diff(rows[:, 0])
+        if not (steps > 0.0).all():
+            rows = rows[np.unique(rows[:, 0], return_index=True)[1]]
+        bins = np.floor(rows[:, 0] * RATE).astype(np.int64)
+        until = int(np.floor((self._newest - WAIT) * RATE))  # no sample comes any more before this bin
+        closed = int(np.searchsorted(bins, until))
+        self._open = rows[closed:]
+        self._close(bins[:closed], rows[:closed, 1:])
+        return self._cut(until)
+
+    def _end(self) -> list[SingleHop]:
+        """Close every bin: nothing follows."""
+        bins = np.floor(self._open[:, 0] * RATE).astype(np.int64)
+        self._close(bins, self._open[:, 1:])
+        return self._cut(int(self._index[-1]) + _GAP + 2) if len(self._index) else []
+
+    def _close(self, bins: NDArray[np.int64], values: Array) -> None:
+        """Append the means of bins that will get no more samples."""
+        if not len(bins):
+            return
         starts = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))
-        counts = np.diff(starts, append=len(bins))
-        means = np.add.reduceat(values, starts, axis=0) / counts[:, None]
         index = bins[starts]
-        restarts = self._last_bin is None
-        if self._last_bin is not None:
-            index = np.concatenate([[self._last_bin], index])
-            means = np.concatenate([self._last_values[None], means])
-        self._last_bin, self._last_values = int(index[-1]), means[-1]
-        segments = []
-        cuts = np.flatnonzero(np.diff(index) > LONGEST_GAP * RATE) + 1
-        for part, (begin, end) in enumerate(zip([0, *cuts], [*cuts, len(index)], strict=True)):
-            new = restarts or part > 0
-            even = np.arange(index[begin] + (0 if new else 1), index[end - 1] + 1)
-            if len(even):
-                columns = [np.interp(even, index[begin:end], column) for column in means[begin:end].T]
-                segments.append(Segment((even + 0.5) / RATE, np.stack(columns, axis=1), new))
-        return segments
+        counts = np.diff(starts, append=len(bins))[:, None]
+        blind = np.isnan(values[:, 6])
+        if blind.any():
+            known = np.add.reduceat(np.where(blind, 0.0, 1.0), starts)[:, None]
+            means = np.add.reduceat(np.where(np.isnan(values), 0.0, values), starts, axis=0)
+            means[:, :6] /= counts
+            means[:, _FIELD] = np.where(known > 0.0, means[:, _FIELD] / np.maximum(known, 1.0), np.nan)
+        else:
+            means = np.add.reduceat(values, starts, axis=0) / counts
+        self._hold_field(index, means)
+        self._index = np.concatenate([self._index, index])
+        self._means = np.concatenate([self._means, means])
+
+    def _hold_field(self, index: NDArray[np.int64], means: Array) -> None:
+        """Let a compass that samples seldom keep its value for as long as a gap may last."""
+        seen = np.flatnonzero(~np.isnan(means[:, 6]))
+        if len(seen) < len(index):
+            last = np.searchsorted(seen, np.arange(len(index)), side="right") - 1
+            bins = np.append(index[seen], self._field_bin)  # -1 stands for the one before
+            values = np.concatenate([means[seen, _FIELD], self._field[None]])
+            held = (index - bins[last] <= _GAP)[:, None]
+            means[:, _FIELD] = np.where(held, values[last], np.nan)
+        if len(seen):
+            self._field_bin, self._field = int(index[seen[-1]]), means[seen[-1], _FIELD].copy()
+
+    def _cut(self, until: int) -> list[SingleHop]:
+        """Return the hops before bin ``until`` that are complete or end in a hole, and forget what they used."""
+        hops: list[SingleHop] = []
+        index, means = self._index, self._means
+        holes = np.append(np.flatnonzero(np.diff(index) > _GAP), len(index) - 1)
+        ends = until > index[-1] + _GAP if len(index) else False
+        low = 0
+        while low < len(index):
+            if self._start is None:
+                self._start, self._fresh = int(index[low]), True
+            hole = int(holes[np.searchsorted(holes, low)])  # the last row before the next hole
+            stop = self._start + HOP
+            if index[hole] >= stop - 1:
+                hops.append(self._hop(self._start, index[low : hole + 1], means[low : hole + 1], HOP))
+                low = int(np.searchsorted(index, stop - 1, side="right")) - 1
+                self._start, self._fresh = stop, False
+            elif hole < len(index) - 1 or ends:
+                count = int(index[hole]) - self._start + 1
+                if count > 0:
+                    hops.append(self._hop(self._start, index[low : hole + 1], means[low : hole + 1], count))
+                self._start, low = None, hole + 1
+            else:
+                break
+        self._index, self._means = index[low:], means[low:]
+        return hops
+
+    def _hop(self, start: int, index: NDArray[np.int64], means: Array, count: int) -> SingleHop:
+        even = np.minimum(np.arange(start, start + HOP), start + count - 1)
+        after = np.searchsorted(index, even)  # the first row that is not before
+        before = np.maximum(after - (index[after] != even), 0)
+        width = np.maximum(index[after] - index[before], 1)
+        share = ((even - index[before]) / width)[:, None]
+        values = means[before] if not share.any() else (1.0 - share) * means[before] + share * means[after]
+        return SingleHop((start + 0.5) / RATE, count, self._fresh, values)
