@@ -145,9 +145,7 @@ def _read(folder: Path) -> Recording:
     count = np.bincount(bins)
     there = np.flatnonzero(count)
     even = np.arange(len(count))
-    axes = [
-        np.interp(even, there, np.bincount(bins, weights=axis)[there] / count[there]) for axis in samples[:, 2:5].T
-    ]
+    axes = [np.interp(even, there, np.bincount(bins, weights=axis)[there] / count[there]) for axis in samples[:, 2:5].T]
     feet_t = (feet[:, 0] - begin) * 1e-9
     steps = np.concatenate([_repaired(feet_t[1:][np.diff(feet[:, foot]) > 0]) for foot in (1, 2)])
     return Recording(folder.name, person, POSITIONS[position], 0.5 / RATE, np.stack(axes, axis=1), np.sort(steps))

@@ -1,178 +1,165 @@
-"""When did the person take a step? The protocol, and the detector that ships: gated peaks of the norm."""
+"""Which peaks of the acceleration are steps? Those that repeat themselves as steps do."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, group_delay, sos2tf, sosfilt
+from scipy.signal import butter, group_delay, sos2tf, sosfilt, sosfilt_zi
 
-from services.gateway.reckoning.resampling import RATE
+from services.gateway.reckoning.hops import HOP, RATE, Array, Hops, State
+from services.gateway.steps.detector import LONGEST_DELAY, Steps
+from services.gateway.steps.rhythm import rhythm
+from services.gateway.steps.spacing import spaced
 
-__all__ = ["DETECTORS", "GatedPeaks", "StepDetector"]
+__all__ = ["GatedPeaks"]
 
-Array = NDArray[np.float64]
-GRAVITY = 9.81
+BAND = (0.6, 2.6)
+"""Hz: steps, and neither the swing of an arm nor the ring of a heel."""
+WINDOW = int(4.0 * RATE)
+"""Samples over which a walk must repeat itself."""
+SHORT = int(1.5 * RATE)
+"""Samples that tell how hard somebody steps now."""
+REMEMBERED = 12
+"""Peaks that wait until it is clear whether they are steps."""
 
-
-class StepDetector(Protocol):
-    """Finds steps in a stream. The result must not depend on how the stream is cut into pushes."""
-
-    walking: bool
-    """Whether the person is walking at the newest sample."""
-    cadence: float
-    """Steps per second while walking, else 0."""
-
-    def push(self, t: Array, norm: Array) -> Array:
-        """Take the acceleration's norm (n,), m/s² with gravity, at even times ``t`` (n,), ``1 / RATE`` apart.
-
-        Returns the times of new steps, ascending; they may lie a few seconds back, never before steps returned earlier.
-        """
-
-    def reset(self) -> None:
-        """Forget everything: what comes next does not continue what came before."""
+_SOS = butter(2, BAND, "bandpass", fs=RATE, output="sos")
+_SETTLED = sosfilt_zi(_SOS)
+_DELAY = float(group_delay(sos2tf(_SOS), w=[1.8], fs=RATE)[1][0] + 1.0) / RATE
+_HERE = slice(WINDOW - 1, WINDOW + HOP - 1)  # a peak is known one sample later: the hop's samples, one earlier
 
 
+@dataclass(frozen=True, slots=True)
 class GatedPeaks:
-    """Peaks of the band-passed norm that repeat themselves as steps do.
+    """Peaks of the band-passed norm, told only while they are regular; no gravity, pose or person need be known.
 
-    A causal band-pass of second order (0.6-2.6 Hz); a peak counts above ``max(0.3, 0.5 RMS)`` of the last 1.5 s and
-    outside the refractory time, ``max(0.28 s, half the step period)``. The period comes from the autocorrelation of the
-    last 4 s, where the half of the best lag wins if it is a peak too (one foot may strike harder than the other).
-    Walking begins with five peaks that are regular within 35 % at a correlation above 0.7 and then releases all five;
-    it ends after 1.4 s without a peak or 1.5 s of a correlation below 0.4. Measured on the Oxford step counter
-    recordings, see ``tests/unit/gateway/test_gateway_steps_on_recordings.py``.
+    A peak counts above ``lowest``, ``over_rms`` of the last 1.5 s and ``over_walk`` of the last 4 s (against a walk
+    just over, what the hand then does is small), and outside the refractory time. A walk begins with enough regular
+    peaks, few if they are very regular, and then tells them all. While its rhythm is bad its peaks wait; they are told
+    when it comes back, or forgotten ``resume`` after the last that was told. A walk ends after ``stop_after`` of bad
+    rhythm, or after ``silence`` without a peak. Where the numbers come from: ``benchmarks/step_table.py``.
+
+    Attributes:
+        lowest: m/s².
+        over_rms: share.
+        over_walk: share.
+        refractory: s.
+        refractory_share: of the step period, while walking.
+        start_peaks: a walk begins with so many,
+        start_correlation: at this autocorrelation,
+        regular: each interval being so near to the median, as a share;
+        quick_peaks: or with so many,
+        quick_correlation: at this autocorrelation,
+        quick_regular: and so near.
+        slowest: s from step to step.
+        stop_correlation: below this autocorrelation the rhythm is bad.
+        stop_after: s.
+        silence: s.
+        resume: s.
     """
 
-    BAND = (0.6, 2.6)
-    LOWEST_PEAK = 0.3
-    PEAK_OVER_RMS = 0.5
-    RMS_WINDOW = int(1.5 * RATE)
-    CORRELATION_WINDOW = int(4.0 * RATE)
-    LAGS = (int(0.28 * RATE), int(1.6 * RATE))
-    REFRACTORY = 0.28
-    START_PEAKS = 5
-    START_CORRELATION = 0.7
-    REGULAR_WITHIN = 0.35
-    SLOWEST_STEP = 1.3
-    SILENCE = 1.4
-    STOP_CORRELATION = 0.4
-    STOP_AFTER = 1.5
-    NEARLY_BEST = 0.85
-    CHECK_EVERY = int(0.5 * RATE)
+    lowest: float = 0.4
+    over_rms: float = 0.4
+    over_walk: float = 0.4
+    refractory: float = 0.28
+    refractory_share: float = 0.6
+    start_peaks: int = 5
+    start_correlation: float = 0.75
+    regular: float = 0.3
+    quick_peaks: int = 3
+    quick_correlation: float = 0.85
+    quick_regular: float = 0.15
+    slowest: float = 1.3
+    stop_correlation: float = 0.6
+    stop_after: float = 3.5
+    silence: float = 1.2
+    resume: float = 5.0
 
-    _sos = butter(2, BAND, "bandpass", fs=RATE, output="sos")
-    _delay = float(group_delay(sos2tf(_sos), w=[1.8], fs=RATE)[1][0]) / RATE
+    STATE = np.dtype(
+        [
+            ("begun", np.bool_),
+            ("filter", np.float64, _SETTLED.shape),
+            ("wave", np.float64, (WINDOW,)),
+            ("last_peak", np.float64),
+            ("last_told", np.float64),
+            ("waiting", np.float64, (REMEMBERED,)),
+            ("count", np.int64),
+            ("walking", np.bool_),
+            ("period", np.float64),
+            ("irregular", np.float64),
+        ]
+    )
+    """Of one phone: 2 kB."""
 
-    def __init__(self) -> None:
-        self.reset()
+    def advance(self, state: State, hops: Hops) -> Steps:
+        """Take one hop of each of p phones and return the steps it led to."""
+        wave = self._filtered(state, hops)
+        self._take_peaks(state, wave, hops)
+        period, correlation = rhythm(wave[:, -WINDOW:])
+        now = hops.t + (HOP - 1) / RATE
+        run, quick_run = self._regular_runs(state)
+        starts = (run >= self.start_peaks) & (correlation > self.start_correlation)
+        starts |= (quick_run >= self.quick_peaks) & (correlation > self.quick_correlation)
+        walked = state["walking"]
+        starts &= ~walked
+        run = np.where(now - state["last_told"] < self.resume, state["count"], np.maximum(run, quick_run))
+        regular = correlation >= self.stop_correlation
+        irregular = np.where(walked & ~regular, state["irregular"] + HOP / RATE, 0.0)
+        silent = now - state["last_peak"] > self.silence
+        walking = starts | (walked & ~silent & (irregular < self.stop_after))
+        tells = np.where(starts, run, np.where(walked & regular, state["count"], 0))
+        state["count"] = np.where((tells > 0) | (walked & ~walking), 0, state["count"])
+        state["period"] = np.where(walking, np.where(regular | starts, period, state["period"]), 0.0)
+        state["walking"] = walking
+        state["irregular"] = irregular
+        told = REMEMBERED - np.arange(REMEMBERED) <= tells[:, None]
+        told &= state["waiting"] - _DELAY > (now - LONGEST_DELAY)[:, None]
+        phone, place = np.nonzero(told)
+        t = state["waiting"][phone, place]
+        state["last_told"][phone] = t
+        return Steps(phone, t - _DELAY, walking, state["period"].copy())
 
-    def reset(self) -> None:
-        """Forget everything."""
-        self.walking = False
-        self.cadence = 0.0
-        self._filter_state = np.zeros((len(self._sos), 2))
-        self._history = np.zeros(self.CORRELATION_WINDOW)
-        self._samples = 0
-        self._candidates: list[float] = []
-        self._period = 0.0
-        self._last_peak = -np.inf
-        self._low_since: float | None = None
+    def _filtered(self, state: State, hops: Hops) -> Array:
+        """Return the band-passed norm of the window before the hop and of the hop, (p, WINDOW + HOP)."""
+        norm = np.sqrt(np.einsum("pni,pni->pn", hops.acceleration, hops.acceleration))
+        begun = state["begun"][:, None, None]
+        before = np.where(begun, state["filter"], _SETTLED * norm[:, :1, None])
+        filtered, after = sosfilt(_SOS, norm, axis=1, zi=before.transpose(1, 0, 2))
+        wave = np.concatenate([state["wave"], filtered], axis=1)
+        state["begun"] = True
+        state["filter"] = after.transpose(1, 0, 2)
+        state["wave"] = wave[:, -WINDOW:]
+        return wave
 
-    def push(self, t: Array, norm: Array) -> Array:
-        """Return the times of new steps."""
-        if not len(t):
-            return np.empty(0)
-        filtered, self._filter_state = sosfilt(self._sos, norm - GRAVITY, zi=self._filter_state)
-        wave = np.concatenate([self._history, filtered])
-        past = len(self._history)
-        self._history = wave[-self.CORRELATION_WINDOW :]
-        power = np.cumsum(np.concatenate([[0.0], wave**2]))
-        # A peak is known one sample later: sample n - 1 is judged when sample n arrives.
-        now = np.arange(past, len(wave))
-        peak = now - 1
-        mean_power = (power[peak + 1] - power[peak + 1 - self.RMS_WINDOW]) / self.RMS_WINDOW
-        threshold = np.maximum(self.LOWEST_PEAK, self.PEAK_OVER_RMS * np.sqrt(np.maximum(mean_power, 0.0)))
-        is_peak = (wave[peak] > wave[peak - 1]) & (wave[peak] >= wave[now]) & (wave[peak] > threshold)
-        is_check = (self._samples + np.arange(1, len(t) + 1)) % self.CHECK_EVERY == 0
-        self._samples += len(t)
-        steps: list[float] = []
-        for index in np.flatnonzero(is_peak | is_check):
-            end = past + int(index) + 1
-            time = float(t[index])
-            if self.walking and is_check[index]:
-                self._check(wave, end, time)
-            if is_peak[index]:
-                self._take_peak(wave, end, time, steps)
-        self.cadence = 1.0 / self._period if self.walking and self._period else 0.0
-        return np.array(steps) - self._delay - 1.0 / RATE
+    def _take_peaks(self, state: State, wave: Array, hops: Hops) -> None:
+        """Let those of the hop's peaks wait that are high and late enough."""
+        power = np.cumsum(wave**2, axis=1)
+        short = power[:, _HERE] - power[:, WINDOW - 1 - SHORT : WINDOW - 1 - SHORT + HOP]
+        long = power[:, _HERE]
+        long[:, 1:] -= power[:, : HOP - 1]
+        enough = np.sqrt(np.maximum(self.over_rms**2 / SHORT * short, self.over_walk**2 / WINDOW * long))
+        value = wave[:, _HERE]
+        peaks = value > np.maximum(self.lowest, enough)
+        peaks &= (value > wave[:, WINDOW - 2 : WINDOW - 2 + HOP]) & (value >= wave[:, WINDOW:])
+        phone, place = np.nonzero(peaks & hops.measured())
+        t = hops.t[phone] + place / RATE
+        gap = np.maximum(self.refractory, self.refractory_share * state["period"])
+        kept = spaced(phone, t, state["last_peak"], gap)
+        for row, when in zip(phone[kept].tolist(), t[kept].tolist(), strict=True):
+            waiting = state["waiting"][row]
+            waiting[:-1] = waiting[1:]
+            waiting[-1] = when
+        state["count"] = np.minimum(state["count"] + np.bincount(phone[kept], minlength=len(state)), REMEMBERED)
 
-    def _take_peak(self, wave: Array, end: int, time: float, steps: list[float]) -> None:
-        if time - self._last_peak < max(self.REFRACTORY, 0.5 * self._period if self.walking else 0.0):
-            return
-        self._last_peak = time
-        if self.walking:
-            steps.append(time)
-            return
-        self._candidates.append(time)
-        self._candidates = self._candidates[-self.START_PEAKS :]
-        if len(self._candidates) < self.START_PEAKS:
-            return
-        intervals = np.diff(self._candidates)
-        middle = float(np.median(intervals))
-        if middle > self.SLOWEST_STEP or np.abs(intervals - middle).max() > self.REGULAR_WITHIN * middle:
-            return
-        period, correlation = self._rhythm(wave, end)
-        if correlation > self.START_CORRELATION:
-            self.walking = True
-            self._period = period
-            self._low_since = None
-            steps.extend(self._candidates)
-            self._candidates = []
-
-    def _check(self, wave: Array, end: int, time: float) -> None:
-        """Go on, or stop walking."""
-        period, correlation = self._rhythm(wave, end)
-        if correlation >= self.STOP_CORRELATION:
-            self._period = period
-            self._low_since = None
-        elif self._low_since is None:
-            self._low_since = time
-        if time - self._last_peak > self.SILENCE or (
-            self._low_since is not None and time - self._low_since >= self.STOP_AFTER
-        ):
-            self.walking = False
-            self._period = 0.0
-            self._candidates = []
-
-    def _rhythm(self, wave: Array, end: int) -> tuple[float, float]:
-        """Return the step period, s, and the normalised autocorrelation there, from the window that ends at ``end``."""
-        window = wave[end - self.CORRELATION_WINDOW : end]
-        size = len(window)
-        low, high = self.LAGS
-        product = np.correlate(window, window, "full")[size - 1 :]
-        power = np.cumsum(np.concatenate([[0.0], window**2]))
-        lags = np.arange(size)
-        norm = np.sqrt(power[size - lags] * (power[size] - power[lags]))
-        correlation = product / np.maximum(norm, 1e-9)
-        inner = correlation[low:high]
-        top = (inner >= correlation[low - 1 : high - 1]) & (inner >= correlation[low + 1 : high + 1])
-        if not top.any():
-            return 0.0, 0.0
-        # Steady walking repeats itself as well after two or three strides: take the shortest lag that is nearly best.
-        best = low + int(np.flatnonzero(top & (inner >= self.NEARLY_BEST * inner[top].max()))[0])
-        agreement = float(correlation[best])
-        half = best // 2
-        if half >= low:
-            reach = max(1, best // 10)
-            near = half - reach + int(np.argmax(correlation[half - reach : half + reach + 1]))
-            is_top = correlation[near] > correlation[near - 1] and correlation[near] >= correlation[near + 1]
-            if near >= low and is_top:
-                best = near
-        return best / RATE, agreement
-
-
-DETECTORS: dict[str, Callable[[], StepDetector]] = {"gated-peaks": GatedPeaks}
-"""Every implementation; the contract test runs on each."""
+    def _regular_runs(self, state: State) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return how many of the newest waiting peaks are regular, (p,), and how many as a quick start wants them."""
+        intervals = np.diff(state["waiting"], axis=1)[:, ::-1]
+        known = np.arange(1, REMEMBERED) < state["count"][:, None]
+        runs = []
+        for peaks, within in ((self.start_peaks, self.regular), (self.quick_peaks, self.quick_regular)):
+            newest = np.sort(intervals[:, : peaks - 1], axis=1)
+            middle = 0.5 * (newest[:, [(peaks - 2) // 2]] + newest[:, [(peaks - 1) // 2]])
+            fits = known & (np.abs(intervals - middle) <= within * middle) & (middle <= self.slowest)
+            runs.append(1 + np.cumprod(fits, axis=1).sum(axis=1))
+        return runs[0], runs[1]
