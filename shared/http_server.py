@@ -3,42 +3,89 @@
 from __future__ import annotations
 
 import socket
+import ssl
 import threading
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import structlog
 
 from shared.runner import ServiceError
 
-__all__ = ["serve"]
+__all__ = ["Tls", "serve"]
 
 log = structlog.get_logger(__name__)
 
 
-def serve(app: Any, host: str, port: int, stopping: threading.Event) -> None:
+@dataclass(frozen=True, slots=True)
+class Tls:
+    """PEM files with which a server proves who it is."""
+
+    certificate: Path
+    key: Path
+
+
+def serve(
+    app: Any, host: str, port: int, stopping: threading.Event, *, tls: Tls | None = None, frame_bytes: int = 1 << 20
+) -> None:
     """Serve ``app`` with uvicorn until ``stopping`` is set, then give open requests two seconds to end.
 
+    Args:
+        app: the ASGI application.
+        host: where to listen.
+        port: where to listen; 0: any free port.
+        stopping: ends serving.
+        tls: speak HTTPS.
+        frame_bytes: largest message of a WebSocket; a larger one closes it (1009).
+
     Raises:
-        ServiceError: the address cannot be listened on.
+        ServiceError: the address cannot be listened on, or certificate and key cannot be used.
     """
     import uvicorn
+
+    if tls is not None:
+        _check(tls)
 
     try:
         listener = socket.create_server((host, port), reuse_port=False)
     except OSError as error:
         raise ServiceError(f"cannot listen on {host}:{port}: {error.strerror}") from error
     config = uvicorn.Config(
-        app, log_config=None, access_log=False, timeout_graceful_shutdown=2, lifespan="on", server_header=False
+        app,
+        log_config=None,
+        access_log=False,
+        timeout_graceful_shutdown=2,
+        lifespan="on",
+        server_header=False,
+        ssl_certfile=None if tls is None else tls.certificate,
+        ssl_keyfile=None if tls is None else tls.key,
+        ws_max_size=frame_bytes,
     )
     server = uvicorn.Server(config)
 
     # Off the main thread uvicorn leaves the signals alone: the runner owns them.
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="http", daemon=True)
     thread.start()
-    log.info("listening", url=f"http://{host}:{listener.getsockname()[1]}")
+    scheme = "http" if tls is None else "https"
+    log.info("listening", url=f"{scheme}://{host}:{listener.getsockname()[1]}")
     while thread.is_alive() and not stopping.wait(0.2):
         pass
     server.should_exit = True
     thread.join(timeout=4.0)
     if not stopping.is_set():
         raise ServiceError("the HTTP server ended by itself; the reason stands above in the log")
+
+
+def _check(tls: Tls) -> None:
+    for path in (tls.certificate, tls.key):
+        try:
+            path.read_bytes()
+        except OSError as error:
+            raise ServiceError(f"{path}: cannot be read: {error.strerror}") from error
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(tls.certificate, tls.key, password="")
+    except (ssl.SSLError, ValueError) as error:
+        raise ServiceError(
+            f"{tls.certificate} and {tls.key}: no certificate with its key in PEM form, without a passphrase: {error}"
+        ) from error

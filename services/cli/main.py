@@ -208,7 +208,7 @@ def simulate(
 def migrate() -> None:
     """Bring the databases of all services up to date (ATRIUM_DATABASE_URL); run once before the services start."""
     # Only this command needs the gateway's libraries.
-    from services.gateway.devices.storage import migrate as migrate_gateway
+    from services.gateway.devices.database import migrate as migrate_gateway
     from services.gateway.settings import default_database_url
 
     try:

@@ -24,8 +24,9 @@ class RequestError(Exception):
     def __init__(self, status: int, *problems: FieldError, headers: dict[str, str] | None = None) -> None:
         super().__init__("; ".join(f"{p.field}: {p.problem}" for p in problems))
         self.status = status
-        self.reply = ErrorReply(detail=list(problems))
         self.headers = headers or {}
+        wait = self.headers.get("Retry-After")
+        self.reply = ErrorReply(status=status, detail=list(problems), retry_after=None if wait is None else float(wait))
 
 
 def refuse(field: str, problem: str, found: object = "", allowed: str = "", status: int = 422) -> NoReturn:

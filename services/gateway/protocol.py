@@ -7,32 +7,51 @@ server's. Unknown fields are ignored, so that versions can meet.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
 from shared.messages import Covariance, InertialColumns
 
 __all__ = [
-    "API_VERSION",
-    "CONSENT_VERSION",
     "Accepted",
     "Batch",
     "BatchReply",
+    "Carrying",
+    "Change",
+    "Consent",
     "Echo",
     "Enrolled",
     "Enrolment",
     "ErrorReply",
     "FieldError",
+    "NewToken",
+    "OwnAlert",
+    "OwnAlerts",
+    "OwnDevice",
     "Position",
     "RadioReadings",
+    "TokenEntry",
+    "TokenRequest",
+    "Tokens",
+    "TrialWalk",
+    "TrialWalks",
+    "TrialWalksReply",
+    "WalkFound",
+    "ZoneName",
 ]
 
-API_VERSION = "v1"
-CONSENT_VERSION = "1"
-"""Version of the text a visitor agrees to; stored with each consent."""
-
 Carrying = Literal["hand", "pocket", "bag", "unknown"]
+Scope = Literal["post", "read", "manage"]
+
+
+class Consent(msgspec.Struct, frozen=True, kw_only=True):
+    """Reply 200 to ``GET /v1/consent``: what to show a visitor before enrolling."""
+
+    version: str
+    """Send it as ``consent_version``; it is stored with each consent."""
+    text: str
+    """Plain text."""
 
 
 class Enrolment(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,14 +61,16 @@ class Enrolment(msgspec.Struct, frozen=True, kw_only=True):
     """The site's enrolment key, or the whole text that its QR code holds."""
     consent: bool
     """Must be true: the person carrying this phone has agreed to be located."""
-    consent_version: str = CONSENT_VERSION
-    """Which text the person has agreed to."""
+    consent_version: str = ""
+    """Which text the person has agreed to, as ``GET /v1/consent`` names it; empty: the one that is valid now."""
     name: str = ""
     """What the app calls itself; for the operator, at most 64 characters."""
     platform: str = ""
     """``android``, ``ios`` …, at most 64 characters."""
     carrying: Carrying = "unknown"
-    """How the phone is carried; the heading of a phone in a pocket or bag is published as unknown."""
+    """How the phone is carried; ``PATCH`` it when that changes."""
+    transmitters: list[str] = []
+    """Addresses of the carrier's own transmitters (a tag, a wristband) that the site's receivers hear; at most 8."""
 
 
 class Enrolled(msgspec.Struct, frozen=True, kw_only=True):
@@ -58,15 +79,74 @@ class Enrolled(msgspec.Struct, frozen=True, kw_only=True):
     device: str
     """Random; identifies the phone for this visit."""
     token: str
-    """Send it as ``Authorization: Bearer TOKEN`` with every other request."""
+    """Send it as ``Authorization: Bearer TOKEN`` with every other request. It may do everything."""
+    expires: float
+    """When the token ends, server clock; enrol again then."""
     site: str
     consent_version: str
     time: float
     """The server's clock."""
     batches: str
     """Path to post batches to."""
+    stream: str
+    """Path of the WebSocket that takes the same batches."""
     position: str
     """Path to read the own position from."""
+    alerts: str
+    """Path to read the own alerts from."""
+
+
+class Change(msgspec.Struct, frozen=True, kw_only=True):
+    """Body of ``PATCH /v1/devices/{device}``."""
+
+    carrying: Carrying
+    """How the phone is carried from now on."""
+
+
+class OwnDevice(msgspec.Struct, frozen=True, kw_only=True):
+    """Reply 200 to a change."""
+
+    device: str
+    carrying: Carrying
+
+
+class TokenRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """Body of ``POST /v1/devices/{device}/tokens``: a token for another app, which may do less."""
+
+    scopes: Annotated[list[Scope], msgspec.Meta(min_length=1, max_length=3)]
+    """``post``: post batches. ``read``: read position, zones and alerts. ``manage``: everything else."""
+    seconds: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
+    """How long it is valid; at most, and by default, as long as the token that asks for it."""
+
+
+class NewToken(msgspec.Struct, frozen=True, kw_only=True):
+    """Reply 201 to a request for a token, which is shown this once."""
+
+    id: str
+    """With which it can be revoked."""
+    token: str
+    scopes: list[Scope]
+    expires: float
+    """Server clock."""
+
+
+class TokenEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A token that is valid now; the token itself is stored nowhere."""
+
+    id: str
+    scopes: list[str]
+    created: float
+    """Server clock."""
+    expires: float
+    """Server clock."""
+    asking: bool
+    """True for the token with which this was asked."""
+
+
+class Tokens(msgspec.Struct, frozen=True, kw_only=True):
+    """Reply 200 to ``GET /v1/devices/{device}/tokens``."""
+
+    tokens: list[TokenEntry]
 
 
 class RadioReadings(msgspec.Struct, frozen=True, kw_only=True):
@@ -118,7 +198,7 @@ class Accepted(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BatchReply(msgspec.Struct, frozen=True, kw_only=True):
-    """Reply 200 to a batch, sent only after everything in it is on the bus."""
+    """Reply 200 or 202 to a batch, sent only after everything in it is on the bus."""
 
     seq: int
     duplicate: bool
@@ -129,9 +209,20 @@ class BatchReply(msgspec.Struct, frozen=True, kw_only=True):
     """Server clock when this reply was written."""
     clock_offset: float
     """What the server adds to this phone's clock to get its own, seconds."""
+    clock_drift: float = 0.0
+    """How much faster the server's clock runs than this phone's, as a share: 1e-4 is 100 ppm."""
+    late: bool = False
+    """True, and status 202: it came too long after it was measured, for history and not for the live position."""
     accepted: Accepted
     ignored: dict[str, int]
     """What was not used, counted by reason."""
+
+
+class ZoneName(msgspec.Struct, frozen=True, kw_only=True):
+    """A zone of the site."""
+
+    id: str
+    name: str
 
 
 class Position(msgspec.Struct, frozen=True, kw_only=True):
@@ -149,6 +240,74 @@ class Position(msgspec.Struct, frozen=True, kw_only=True):
     """(xx, xy, yy) in m²."""
     probability: float
     """That the track is this phone's."""
+    zones: list[ZoneName] = []
+    """The site's zones that this position lies in."""
+
+
+class OwnAlert(msgspec.Struct, frozen=True, kw_only=True):
+    """This phone entered or left a zone."""
+
+    t: float
+    """When, server clock."""
+    kind: Literal["enter", "exit"]
+    zone: str
+    name: str
+    floor: str
+    x: float
+    y: float
+
+
+class OwnAlerts(msgspec.Struct, frozen=True, kw_only=True):
+    """Reply 200 to ``GET /v1/devices/{device}/alerts``: the last ones, oldest first."""
+
+    alerts: list[OwnAlert]
+
+
+Place = tuple[float, float]
+
+
+class TrialWalk(msgspec.Struct, frozen=True, kw_only=True):
+    """One straight walk of known length, without halts; samples from before and after it do no harm."""
+
+    imu: InertialColumns
+    start: Place | None = None
+    """Metres on the plan; with ``end`` in the place of ``distance``."""
+    end: Place | None = None
+    distance: float | None = None
+    """Metres walked."""
+    steps: int | None = None
+    """Counted by the walker; needed for the first walk."""
+
+
+class TrialWalks(msgspec.Struct, frozen=True, kw_only=True):
+    """Body of ``PUT …/trial-walks``: one walk for step detection, a second, faster one for lengths."""
+
+    walks: Annotated[list[TrialWalk], msgspec.Meta(min_length=1, max_length=2)]
+
+
+class WalkFound(msgspec.Struct, frozen=True, kw_only=True):
+    """What was found in one trial walk."""
+
+    steps: int
+    """Detected."""
+    cadence: float
+    """Steps per second."""
+    step_length: float
+    """m."""
+
+
+class TrialWalksReply(msgspec.Struct, frozen=True, kw_only=True):
+    """Reply 200 to trial walks: what is used for this phone from now on."""
+
+    peak: float
+    """Step threshold: a step's peak exceeds it, m/s²."""
+    mean: float
+    """Step threshold: the mean between steps, m/s²."""
+    slope: float | None
+    """``length = slope x cadence + offset``; null with one walk only. m per step/s."""
+    offset: float | None
+    """m."""
+    walks: list[WalkFound]
 
 
 class FieldError(msgspec.Struct, frozen=True, kw_only=True):
@@ -162,6 +321,10 @@ class FieldError(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ErrorReply(msgspec.Struct, frozen=True, kw_only=True):
-    """Every reply of 400 and above has this body."""
+    """Every reply of 400 and above has this body; on a WebSocket it answers a batch that was refused."""
 
+    status: int
+    """As the HTTP status."""
     detail: list[FieldError]
+    retry_after: float | None = None
+    """Seconds to wait before the same is sent again (429, 503)."""

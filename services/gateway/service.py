@@ -6,13 +6,21 @@ import threading
 import time
 from typing import ClassVar
 
+from services.gateway.adapters.mqtt_broker import Broker
+from services.gateway.adapters.mqtt_receivers import MqttReceivers
+from services.gateway.devices.consent import read_consent
+from services.gateway.devices.database import migrate, open_engine, schema_problem
+from services.gateway.devices.own_alerts import OwnAlertBook
 from services.gateway.devices.own_position import OwnPositions
-from services.gateway.devices.storage import DeviceStore, migrate, open_engine, schema_problem
+from services.gateway.devices.storage import DeviceStore
 from services.gateway.phones.phone_book import PhoneBook
+from services.gateway.phones.receivers import ReceiverBook
 from services.gateway.settings import GatewaySettings
-from services.gateway.web.app import Gateway, create_app
-from shared.http_server import serve
-from shared.messages import TrackFrame
+from services.gateway.web.app import create_app
+from services.gateway.web.gateway import Gateway
+from shared.bus import Inbox
+from shared.http_server import Tls, serve
+from shared.messages import Alert, TrackFrame
 from shared.runner import Service, ServiceError
 from shared.settings import ServiceSettings
 
@@ -29,9 +37,10 @@ class GatewayService(Service[GatewaySettings]):
         """Serve phones until asked to stop.
 
         Raises:
-            ServiceError: the database cannot be used, or the port is taken.
+            ServiceError: the database, the consent text or the certificate cannot be used, or the port is taken.
         """
         settings = self.settings
+        consent = read_consent(settings.consent_file)
         url = settings.database_url.get_secret_value()
         if settings.profile == "demo":
             migrate(url)
@@ -39,25 +48,86 @@ class GatewayService(Service[GatewaySettings]):
         problem = schema_problem(engine)
         if problem is not None:
             raise ServiceError(problem)
+        store = DeviceStore(engine)
+        receivers = ReceiverBook(
+            self.site,
+            self.bus,
+            store.devices_by_digest,
+            settings.address_key.get_secret_value(),
+            settings.live_lateness,
+        )
+        mqtt = self._mqtt(receivers)
         phones = PhoneBook(self.site, self.bus, settings.limits(), settings.phone_idle)
-        positions = OwnPositions(settings.position_kept)
+        positions = OwnPositions(self.site.zones, settings.position_kept)
+        alerts = OwnAlertBook(self.site.zones, settings.alerts_kept)
         inbox = self.bus.inbox(1000)
         inbox.subscribe(self.keys.tracks(), TrackFrame, newest=True)
+        inbox.subscribe(self.keys.alert(), Alert, cached=True)
         threads = [
-            threading.Thread(target=positions.follow, args=(inbox, self.stopping), name="positions", daemon=True),
+            threading.Thread(target=self._follow, args=(inbox, positions, alerts), name="own data", daemon=True),
             threading.Thread(target=self._rest, args=(phones,), name="rest", daemon=True),
+            threading.Thread(
+                target=receivers.run, args=(self.stopping, settings.token_recheck), name="receivers", daemon=True
+            ),
         ]
         for thread in threads:
             thread.start()
-        gateway = Gateway(settings, self.site.site, DeviceStore(engine), phones, positions, self.health.ready.set)
+        gateway = Gateway(
+            settings=settings,
+            site=self.site.site,
+            consent=consent,
+            store=store,
+            phones=phones,
+            receivers=receivers,
+            positions=positions,
+            alerts=alerts,
+            started=self.health.ready.set,
+        )
+        tls = None
+        if settings.tls_certificate is not None and settings.tls_key is not None:
+            tls = Tls(settings.tls_certificate, settings.tls_key)
         try:
-            serve(create_app(gateway), settings.gateway_host, settings.gateway_port, self.stopping)
+            if mqtt is not None:
+                mqtt.start()
+            serve(
+                create_app(gateway),
+                settings.gateway_host,
+                settings.gateway_port,
+                self.stopping,
+                tls=tls,
+                frame_bytes=settings.batch_bytes,
+            )
         finally:
             self.stopping.set()
+            if mqtt is not None:
+                mqtt.stop()
             inbox.wake()
             for thread in threads:
                 thread.join(timeout=1.0)
             engine.dispose()
+
+    def _mqtt(self, receivers: ReceiverBook) -> MqttReceivers | None:
+        """Return the client that listens to receivers over MQTT, None where no broker is set."""
+        settings = self.settings
+        if settings.mqtt_url is None:
+            return None
+        broker = Broker.of(settings.mqtt_url.get_secret_value(), settings.mqtt_authorities)
+        try:
+            return MqttReceivers(broker, settings.mqtt_topics, receivers.take)
+        except OSError as error:
+            raise ServiceError(f"mqtt_authorities: {settings.mqtt_authorities}: {error}") from error
+
+    def _follow(self, inbox: Inbox, positions: OwnPositions, alerts: OwnAlertBook) -> None:
+        """Keep what phones may ask of themselves."""
+        while not self.stopping.is_set():
+            for delivery in inbox.receive(0.5):
+                now = time.monotonic()
+                if isinstance(delivery.message, TrackFrame):
+                    positions.take(delivery.message, now)
+                elif isinstance(delivery.message, Alert):
+                    alerts.take(delivery.message, now)
+            positions.forget_old(time.monotonic())
+            alerts.forget_old(time.monotonic())
 
     def _rest(self, phones: PhoneBook) -> None:
         while not self.stopping.wait(min(30.0, self.settings.phone_idle)):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import threading
-import time
 from dataclasses import dataclass
 
-from services.gateway.protocol import Position
-from shared.bus import Inbox
+import shapely
+
+from services.gateway.protocol import Position, ZoneName
 from shared.messages import TrackFrame
+from shared.site import Zone
 
 __all__ = ["OwnPositions"]
 
@@ -24,20 +24,14 @@ class OwnPositions:
     """The newest track of every device.
 
     Args:
+        zones: of the site.
         kept: seconds a position is told after its last update.
     """
 
-    def __init__(self, kept: float) -> None:
+    def __init__(self, zones: list[Zone], kept: float) -> None:
+        self._zones = [(zone.floor, shapely.Polygon(zone.polygon), _named(zone)) for zone in zones]
         self._kept = kept
         self._seen: dict[str, _Seen] = {}
-
-    def follow(self, inbox: Inbox, stopping: threading.Event) -> None:
-        """Take track frames until ``stopping`` is set; runs in a thread of its own."""
-        while not stopping.is_set():
-            for delivery in inbox.receive(0.5):
-                if isinstance(delivery.message, TrackFrame):
-                    self.take(delivery.message, time.monotonic())
-            self.forget_old(time.monotonic())
 
     def take(self, frame: TrackFrame, arrived: float) -> None:
         """Remember where one frame saw which device."""
@@ -65,13 +59,21 @@ class OwnPositions:
         if seen is None:
             return None
         frame, index = seen.frame, seen.index
+        floor, x, y = frame.floor[index], frame.x[index], frame.y[index]
         return Position(
             t=frame.t,
             age=max(0.0, now - frame.t),
             area=frame.area,
-            floor=frame.floor[index],
-            x=frame.x[index],
-            y=frame.y[index],
+            floor=floor,
+            x=x,
+            y=y,
             covariance=frame.covariance[index],
             probability=frame.probability[index],
+            zones=[
+                name for level, polygon, name in self._zones if level == floor and shapely.intersects_xy(polygon, x, y)
+            ],
         )
+
+
+def _named(zone: Zone) -> ZoneName:
+    return ZoneName(id=zone.id, name=zone.name or zone.id)

@@ -1,106 +1,43 @@
-"""Devices and consents in the database: SQLite by default, PostgreSQL by ``ATRIUM_DATABASE_URL``.
+"""What the gateway remembers of devices: consents, tokens, transmitters, trial walks. Each method is one transaction.
 
-Tokens are kept as SHA-256 only. The gateway is the one writer of these tables.
+No token and no transmitter's address is stored: a token is its id, an address a keyed digest.
 """
 
 from __future__ import annotations
 
-import hashlib
 import secrets
+from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
-from alembic import command
-from alembic.config import Config
-from alembic.migration import MigrationContext
-from alembic.script import ScriptDirectory
-from sqlalchemy import Engine, Float, ForeignKey, LargeBinary, String, create_engine, event, make_url, select, update
-from sqlalchemy.exc import ArgumentError, SQLAlchemyError
-from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column
+from sqlalchemy import Engine, delete, select, update
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
 
-from shared.runner import ServiceError
+from services.gateway.devices.tables import ConsentRow, DeviceRow, SpoolRow, TokenRow, TransmitterRow, WalkerRow
+from services.gateway.devices.transmitters import digest_of
 
-__all__ = ["VERSION_TABLE", "Base", "DeviceStore", "Registered", "migrate", "open_engine", "schema_problem"]
-
-VERSION_TABLE = "alembic_version_gateway"
-_MIGRATIONS = Path(__file__).parents[1] / "migrations"
+__all__ = ["DeviceStore", "Newcomer", "Registered", "StoredToken", "TransmitterTakenError", "Walker"]
 
 
-class Base(DeclarativeBase):
-    """The gateway's tables."""
+class TransmitterTakenError(ValueError):
+    """A transmitter belongs to another device; ``index`` says which of those given."""
+
+    def __init__(self, index: int) -> None:
+        super().__init__(f"transmitter {index} is another device's")
+        self.index = index
 
 
-class DeviceRow(Base):
-    """One enrolled phone. After withdrawal only the id and the times remain."""
+@dataclass(frozen=True, slots=True)
+class Walker:
+    """What trial walks told of how somebody walks; None where they told nothing."""
 
-    __tablename__ = "gateway_devices"
-
-    id: Mapped[str] = mapped_column(String(64), primary_key=True)
-    token_sha256: Mapped[str | None] = mapped_column(String(64), unique=True)
-    name: Mapped[str] = mapped_column(String(64))
-    platform: Mapped[str] = mapped_column(String(64))
-    carrying: Mapped[str] = mapped_column(String(16))
-    created: Mapped[float] = mapped_column(Float(53))
-    revoked: Mapped[float | None] = mapped_column(Float(53))
-
-
-class ConsentRow(Base):
-    """When somebody agreed to which text, and when they took it back."""
-
-    __tablename__ = "gateway_consents"
-
-    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
-    device: Mapped[str] = mapped_column(ForeignKey("gateway_devices.id"), index=True)
-    version: Mapped[str] = mapped_column(String(64))
-    given: Mapped[float] = mapped_column(Float(53))
-    withdrawn: Mapped[float | None] = mapped_column(Float(53))
-
-
-class TokenRow(Base):
-    """A token that was handed out, by its id; the token itself is stored nowhere."""
-
-    __tablename__ = "gateway_tokens"
-
-    id: Mapped[str] = mapped_column(String(64), primary_key=True)
-    device: Mapped[str] = mapped_column(ForeignKey("gateway_devices.id"), index=True)
-    scopes: Mapped[str] = mapped_column(String(128))
-    created: Mapped[float] = mapped_column(Float(53))
-    expires: Mapped[float] = mapped_column(Float(53))
-    revoked: Mapped[float | None] = mapped_column(Float(53))
-
-
-class TransmitterRow(Base):
-    """What an enrolled carrier transmits with, as a keyed digest: the address itself is stored nowhere."""
-
-    __tablename__ = "gateway_transmitters"
-
-    digest: Mapped[str] = mapped_column(String(64), primary_key=True)
-    device: Mapped[str] = mapped_column(ForeignKey("gateway_devices.id"), index=True)
-
-
-class WalkerRow(Base):
-    """What trial walks told of how somebody walks."""
-
-    __tablename__ = "gateway_walkers"
-
-    device: Mapped[str] = mapped_column(ForeignKey("gateway_devices.id"), primary_key=True)
-    peak: Mapped[float | None] = mapped_column(Float(53))
-    mean: Mapped[float | None] = mapped_column(Float(53))
-    slope: Mapped[float | None] = mapped_column(Float(53))
-    offset: Mapped[float | None] = mapped_column(Float(53))
-    created: Mapped[float] = mapped_column(Float(53))
-
-
-class SpoolRow(Base):
-    """A message that waits for the bus, acknowledged to its phone already."""
-
-    __tablename__ = "gateway_spool"
-
-    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
-    device: Mapped[str] = mapped_column(String(64), index=True)
-    kind: Mapped[str] = mapped_column(String(16))
-    payload: Mapped[bytes] = mapped_column(LargeBinary)
+    peak: float | None = None
+    """Step threshold, m/s² beyond gravity; see ``services.gateway.steps``."""
+    mean: float | None = None
+    slope: float | None = None
+    """m per step/s: ``length = slope · cadence + offset``."""
+    offset: float | None = None
+    """m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,42 +46,116 @@ class Registered:
 
     id: str
     carrying: str
+    walker: Walker | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Newcomer:
+    """What a phone says of itself when it enrols."""
+
+    consent_version: str
+    name: str = ""
+    platform: str = ""
+    carrying: str = "unknown"
+    transmitters: tuple[str, ...] = ()
+    """Addresses with which its carrier can be heard by the site's receivers."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoredToken:
+    """A token that was handed out and not revoked."""
+
+    id: str
+    scopes: tuple[str, ...]
+    created: float
+    expires: float
 
 
 class DeviceStore:
-    """Enrolled devices. Every method is one transaction and may be called from any thread."""
+    """Enrolled devices. Every method may be called from any thread.
+
+    Args:
+        engine: an open database with the tables.
+    """
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
 
-    def enrol(self, now: float, version: str, name: str, platform: str, carrying: str) -> tuple[Registered, str]:
-        """Store a new device with its consent; return it and its token, which is stored nowhere."""
-        device = Registered(f"d-{secrets.token_hex(8)}", carrying)
-        token = secrets.token_urlsafe(32)
+    def enrol(
+        self, now: float, newcomer: Newcomer, scopes: Iterable[str], expires: float, address_key: str
+    ) -> tuple[Registered, StoredToken]:
+        """Store a new device, its consent, its first token and its transmitters.
+
+        Args:
+            now: the server's clock.
+            newcomer: what it says of itself.
+            scopes: what its first token may do.
+            expires: when that ends.
+            address_key: keys the digests of addresses.
+
+        Raises:
+            TransmitterTakenError: another device has one of the transmitters; nothing is stored.
+        """
+        device = Registered(f"d-{secrets.token_hex(8)}", newcomer.carrying)
+        token = StoredToken(secrets.token_hex(8), tuple(scopes), now, expires)
+        row = DeviceRow(
+            id=device.id,
+            token_sha256=None,
+            name=newcomer.name,
+            platform=newcomer.platform,
+            carrying=newcomer.carrying,
+            created=now,
+            revoked=None,
+        )
         with Session(self._engine) as session, session.begin():
-            session.add(
-                DeviceRow(
-                    id=device.id,
-                    token_sha256=_digest(token),
-                    name=name,
-                    platform=platform,
-                    carrying=carrying,
-                    created=now,
-                    revoked=None,
-                )
-            )
+            session.add(row)
             session.flush()
-            session.add(ConsentRow(device=device.id, version=version, given=now, withdrawn=None))
+            session.add(ConsentRow(device=device.id, version=newcomer.consent_version, given=now, withdrawn=None))
+            session.add(_token_row(device.id, token))
+            _add_transmitters(session, device.id, newcomer.transmitters, address_key)
         return device, token
 
-    def by_token(self, token: str) -> Registered | None:
-        """Return the device this token belongs to."""
-        query = select(DeviceRow.id, DeviceRow.carrying).where(
-            DeviceRow.token_sha256 == _digest(token), DeviceRow.revoked.is_(None)
+    def add_token(self, device: str, now: float, scopes: Iterable[str], expires: float) -> StoredToken:
+        """Store one more token of a device."""
+        token = StoredToken(secrets.token_hex(8), tuple(scopes), now, expires)
+        with Session(self._engine) as session, session.begin():
+            session.add(_token_row(device, token))
+        return token
+
+    def by_token(self, token_id: str) -> Registered | None:
+        """Return the device a token belongs to, None where token or device is unknown or revoked."""
+        query = (
+            select(DeviceRow.id, DeviceRow.carrying, WalkerRow)
+            .join(TokenRow, TokenRow.device == DeviceRow.id)
+            .outerjoin(WalkerRow, WalkerRow.device == DeviceRow.id)
+            .where(TokenRow.id == token_id, TokenRow.revoked.is_(None), DeviceRow.revoked.is_(None))
         )
         with Session(self._engine) as session:
             row = session.execute(query).one_or_none()
-        return None if row is None else Registered(row.id, row.carrying)
+            return None if row is None else Registered(row.id, row.carrying, _walker(row.WalkerRow))
+
+    def tokens(self, device: str, now: float) -> list[StoredToken]:
+        """Return the tokens of a device that open something now, oldest first."""
+        query = (
+            select(TokenRow)
+            .where(TokenRow.device == device, TokenRow.revoked.is_(None), TokenRow.expires > now)
+            .order_by(TokenRow.created, TokenRow.id)
+        )
+        with Session(self._engine) as session:
+            return [
+                StoredToken(row.id, tuple(row.scopes.split()), row.created, row.expires)
+                for row in session.scalars(query)
+            ]
+
+    def revoke_token(self, device: str, token_id: str, now: float) -> bool:
+        """Revoke one token of a device; whether there was such a one."""
+        change = (
+            update(TokenRow)
+            .where(TokenRow.id == token_id, TokenRow.device == device, TokenRow.revoked.is_(None))
+            .values(revoked=now)
+        )
+        with Session(self._engine) as session, session.begin():
+            return bool(session.execute(change).rowcount)  # type: ignore[attr-defined]
 
     def exists(self, device: str) -> bool:
         """Whether a device of this id is enrolled now."""
@@ -152,13 +163,51 @@ class DeviceStore:
         with Session(self._engine) as session:
             return session.execute(query).one_or_none() is not None
 
-    def withdraw(self, device: str, now: float) -> None:
-        """Take the consent back: the token dies, what the phone said of itself is deleted, the times stay as proof."""
+    def carry(self, device: str, carrying: str) -> None:
+        """Store how a phone is carried now."""
         with Session(self._engine) as session, session.begin():
+            session.execute(update(DeviceRow).where(DeviceRow.id == device).values(carrying=carrying))
+
+    def add_transmitters(self, device: str, addresses: Iterable[str], address_key: str) -> None:
+        """Store with what the carrier of a device transmits.
+
+        Raises:
+            TransmitterTakenError: another device has one of them; nothing is stored.
+        """
+        with Session(self._engine) as session, session.begin():
+            _add_transmitters(session, device, tuple(addresses), address_key)
+
+    def devices_by_digest(self) -> dict[str, Registered]:
+        """Return who transmits: devices by the keyed digest of an address (``transmitters.digest_of``)."""
+        query = (
+            select(TransmitterRow.digest, DeviceRow.id, DeviceRow.carrying)
+            .join(DeviceRow, DeviceRow.id == TransmitterRow.device)
+            .where(DeviceRow.revoked.is_(None))
+        )
+        with Session(self._engine) as session:
+            return {row.digest: Registered(row.id, row.carrying) for row in session.execute(query)}
+
+    def keep_walker(self, device: str, walker: Walker, now: float) -> None:
+        """Store what trial walks told, in the place of what earlier ones did."""
+        with Session(self._engine) as session, session.begin():
+            session.merge(
+                WalkerRow(
+                    device=device,
+                    peak=walker.peak,
+                    mean=walker.mean,
+                    slope=walker.slope,
+                    offset=walker.offset,
+                    created=now,
+                )
+            )
+
+    def withdraw(self, device: str, now: float) -> None:
+        """Take the consent back: all that is known of the device is deleted; the times stay as proof."""
+        with Session(self._engine) as session, session.begin():
+            for table in (TokenRow, TransmitterRow, WalkerRow, SpoolRow):
+                session.execute(delete(table).where(table.device == device))
             session.execute(
-                update(DeviceRow)
-                .where(DeviceRow.id == device)
-                .values(token_sha256=None, name="", platform="", revoked=now)
+                update(DeviceRow).where(DeviceRow.id == device).values(name="", platform="", carrying="", revoked=now)
             )
             session.execute(
                 update(ConsentRow)
@@ -167,79 +216,30 @@ class DeviceStore:
             )
 
 
-def open_engine(database_url: str) -> Engine:
-    """Return an engine; SQLite in write-ahead mode, so that readers never wait for the writer.
-
-    Raises:
-        ServiceError: the URL is malformed, or its driver is not installed.
-    """
-    try:
-        url = make_url(database_url)
-        if url.get_backend_name() == "postgresql" and "+" not in url.drivername:
-            url = url.set(drivername="postgresql+psycopg")
-        engine = create_engine(url, pool_pre_ping=True)
-    except (ArgumentError, ImportError) as error:
-        raise ServiceError(
-            f"database_url: {error}; allowed: sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME"
-        ) from error
-    if engine.dialect.name == "sqlite":
-
-        @event.listens_for(engine, "connect")
-        def prepare(connection: Any, _record: object) -> None:
-            cursor = connection.cursor()
-            for pragma in ("journal_mode=WAL", "foreign_keys=ON", "busy_timeout=5000"):
-                cursor.execute(f"PRAGMA {pragma}")
-            cursor.close()
-
-    return engine
+def _token_row(device: str, token: StoredToken) -> TokenRow:
+    return TokenRow(
+        id=token.id,
+        device=device,
+        scopes=" ".join(token.scopes),
+        created=token.created,
+        expires=token.expires,
+        revoked=None,
+    )
 
 
-def migrate(database_url: str) -> None:
-    """Create the gateway's tables or bring them up to date; what ``atrium migrate`` calls.
-
-    Raises:
-        ServiceError: the database cannot be reached or changed.
-    """
-    engine = open_engine(database_url)
-    try:
-        with engine.begin() as connection:
-            config = _alembic()
-            config.attributes["connection"] = connection
-            command.upgrade(config, "head")
-    except SQLAlchemyError as error:
-        raise ServiceError(_unreachable(engine, error)) from error
-    finally:
-        engine.dispose()
+def _walker(row: WalkerRow | None) -> Walker | None:
+    return None if row is None else Walker(row.peak, row.mean, row.slope, row.offset)
 
 
-def schema_problem(engine: Engine) -> str | None:
-    """Return in one line why the tables cannot be used, or None.
-
-    Raises:
-        ServiceError: the database cannot be reached.
-    """
-    wanted = ScriptDirectory.from_config(_alembic()).get_current_head()
-    try:
-        with engine.connect() as connection:
-            found = MigrationContext.configure(connection, opts={"version_table": VERSION_TABLE}).get_current_revision()
-    except SQLAlchemyError as error:
-        raise ServiceError(_unreachable(engine, error)) from error
-    if found == wanted:
-        return None
-    state = "has no gateway tables" if found is None else f"is at version {found}, this program needs {wanted}"
-    return f"the database {engine.url.render_as_string(hide_password=True)} {state}: run `atrium migrate` first"
-
-
-def _unreachable(engine: Engine, error: SQLAlchemyError) -> str:
-    reason = str(getattr(error, "orig", None) or error).splitlines()[0]
-    return f"database {engine.url.render_as_string(hide_password=True)}: {reason}"
-
-
-def _alembic() -> Config:
-    config = Config()
-    config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
-    return config
-
-
-def _digest(token: str) -> str:
-    return hashlib.sha256(token.encode()).hexdigest()
+def _add_transmitters(session: Session, device: str, addresses: tuple[str, ...], address_key: str) -> None:
+    for index, address in enumerate(addresses):
+        digest = digest_of(address, address_key)
+        found = session.get(TransmitterRow, digest)
+        if found is not None and found.device != device:
+            raise TransmitterTakenError(index)
+        if found is None:
+            session.add(TransmitterRow(digest=digest, device=device))
+            try:
+                session.flush()
+            except IntegrityError as error:  # somebody else was a moment quicker
+                raise TransmitterTakenError(index) from error

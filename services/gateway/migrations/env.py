@@ -1,8 +1,9 @@
-"""Run by Alembic: migrate over the connection that ``storage.migrate`` hands in."""
+"""Run by Alembic: migrate over the connection that ``database.migrate`` hands in."""
 
 from alembic import context
 
-from services.gateway.devices.storage import VERSION_TABLE, Base
+from services.gateway.devices.database import VERSION_TABLE
+from services.gateway.devices.tables import Base
 
 context.configure(
     connection=context.config.attributes["connection"], target_metadata=Base.metadata, version_table=VERSION_TABLE

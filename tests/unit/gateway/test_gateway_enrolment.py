@@ -1,6 +1,7 @@
 """Keys, QR codes and the ration of attempts."""
 
-from services.gateway.devices.enrolment import AttemptLimiter, key_of, qr_svg, qr_text, same_key
+from services.gateway.devices.enrolment import key_of, qr_svg, qr_text, same_key
+from services.gateway.devices.rate_limiter import RateLimiter
 
 
 def test_what_the_qr_code_holds_is_accepted_as_a_key() -> None:
@@ -24,7 +25,7 @@ def test_keys_are_compared_as_text_of_any_kind() -> None:
 
 def test_guessing_keys_is_rationed_per_address_and_forgiven_with_time() -> None:
     now = [0.0]
-    limiter = AttemptLimiter(60.0, 30, clock=lambda: now[0])
+    limiter = RateLimiter(1.0, 30, clock=lambda: now[0])
     for _ in range(3):
         assert limiter.wait("a") == 0.0
         limiter.spend("a", 10.0)
@@ -35,7 +36,7 @@ def test_guessing_keys_is_rationed_per_address_and_forgiven_with_time() -> None:
 
 
 def test_a_flood_of_addresses_does_not_fill_the_memory() -> None:
-    limiter = AttemptLimiter(60.0, 30, addresses=100)
+    limiter = RateLimiter(1.0, 30, names=100)
     for number in range(1000):
         limiter.spend(f"10.0.{number // 256}.{number % 256}")
     assert len(limiter._buckets) == 100

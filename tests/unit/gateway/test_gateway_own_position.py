@@ -4,6 +4,7 @@ import pytest
 
 from services.gateway.devices.own_position import OwnPositions
 from shared.messages import TrackFrame
+from shared.site import Zone
 
 
 def frame(t: float, devices: list[str | None]) -> TrackFrame:
@@ -32,7 +33,7 @@ def frame(t: float, devices: list[str | None]) -> TrackFrame:
 
 
 def test_the_newest_track_that_carries_the_device_counts() -> None:
-    positions = OwnPositions(kept=60.0)
+    positions = OwnPositions([], kept=60.0)
     positions.take(frame(100.0, [None, "d-1", "d-2"]), 0.0)
     positions.take(frame(101.0, ["d-2", None, None]), 1.0)
     first, second = positions.of("d-1", 103.0), positions.of("d-2", 103.0)
@@ -43,10 +44,30 @@ def test_the_newest_track_that_carries_the_device_counts() -> None:
 
 
 def test_nobody_is_found_who_was_not_seen_was_long_ago_or_has_left() -> None:
-    positions = OwnPositions(kept=60.0)
+    positions = OwnPositions([], kept=60.0)
     assert positions.of("d-1", 0.0) is None
     positions.take(frame(100.0, ["d-1", "d-2"]), 0.0)
     positions.forget("d-2")
     assert positions.of("d-2", 100.0) is None
     positions.forget_old(61.0)
     assert positions.of("d-1", 100.0) is None
+
+
+def test_a_position_names_the_zones_of_its_floor_that_hold_it() -> None:
+    square = [(0.0, 0.0), (1.0, 0.0), (1.0, 4.0), (0.0, 4.0)]
+    zones = [
+        Zone(id="left", name="On the left", floor="ground", polygon=square),
+        Zone(id="upstairs", floor="first", polygon=square),
+        Zone(id="all", floor="ground", polygon=[(-9.0, -9.0), (9.0, -9.0), (9.0, 9.0), (-9.0, 9.0)]),
+    ]
+    positions = OwnPositions(zones, kept=60.0)
+    positions.take(frame(100.0, ["d-0", "d-1", "d-2"]), 0.0)
+
+    def names(device: str) -> list[tuple[str, str]]:
+        position = positions.of(device, 100.0)
+        assert position is not None
+        return [(zone.id, zone.name) for zone in position.zones]
+
+    assert names("d-0") == [("left", "On the left"), ("all", "all")]
+    assert names("d-1") == [("left", "On the left"), ("all", "all")]  # the border belongs to it
+    assert names("d-2") == [("all", "all")]

@@ -8,7 +8,10 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import text
 
-from services.gateway.devices.storage import VERSION_TABLE, Base, DeviceStore, migrate, open_engine, schema_problem
+from services.gateway.devices.database import VERSION_TABLE, migrate, open_engine, schema_problem
+from services.gateway.devices.storage import DeviceStore, Newcomer, Registered, TransmitterTakenError, Walker
+from services.gateway.devices.tables import Base
+from services.gateway.devices.transmitters import digest_of
 from shared.runner import ServiceError
 
 
@@ -35,31 +38,85 @@ def test_a_missing_or_old_schema_is_named_with_the_way_out(url: str) -> None:
     assert "is at version 0000" in (schema_problem(engine) or "")
 
 
-def test_a_device_is_known_by_its_token_until_consent_is_withdrawn(url: str) -> None:
+GUIDE = Newcomer("1", "guide", "android", "hand")
+KEY = "a key for addresses"
+
+
+def test_a_device_is_known_by_its_tokens_until_they_are_revoked_or_consent_is_withdrawn(url: str) -> None:
     migrate(url)
     store = DeviceStore(open_engine(url))
-    device, token = store.enrol(100.0, "1", "guide", "android", "hand")
-    other, other_token = store.enrol(101.0, "1", "", "", "pocket")
-    assert store.by_token(token) == device
+    device, token = store.enrol(100.0, GUIDE, ("post", "read"), 200.0, KEY)
+    other, other_token = store.enrol(101.0, Newcomer("1", carrying="pocket"), ("post",), 200.0, KEY)
+    second = store.add_token(device.id, 102.0, ("post",), 150.0)
+    assert store.by_token(token.id) == store.by_token(second.id) == device
     assert store.by_token("x") is None
+    assert store.tokens(device.id, 149.0) == [token, second]
+    assert store.tokens(device.id, 150.0) == [token]
+    assert not store.revoke_token(other.id, second.id, 103.0)
+    assert store.revoke_token(device.id, second.id, 103.0)
+    assert not store.revoke_token(device.id, second.id, 104.0)
+    assert store.by_token(second.id) is None
     store.withdraw(device.id, 200.0)
-    assert store.by_token(token) is None
+    assert store.by_token(token.id) is None
     assert not store.exists(device.id)
-    assert store.by_token(other_token) == other
+    assert store.by_token(other_token.id) == other
+
+
+def test_how_a_phone_is_carried_and_how_its_carrier_walks_come_with_its_token(url: str) -> None:
+    migrate(url)
+    store = DeviceStore(open_engine(url))
+    device, token = store.enrol(100.0, GUIDE, ("post",), 200.0, KEY)
+    store.carry(device.id, "bag")
+    assert store.by_token(token.id) == Registered(device.id, "bag")
+    store.keep_walker(device.id, Walker(peak=1.5, mean=0.8), 101.0)
+    store.keep_walker(device.id, Walker(peak=1.4, mean=0.7, slope=0.4, offset=0.1), 102.0)
+    found = DeviceStore(open_engine(url)).by_token(token.id)  # after a restart
+    assert found == Registered(device.id, "bag", Walker(1.4, 0.7, 0.4, 0.1))
 
 
 def test_the_database_holds_consent_and_no_token(url: str, tmp_path: Path) -> None:
     migrate(url)
     store = DeviceStore(open_engine(url))
-    device, token = store.enrol(100.0, "2", "guide", "android", "hand")
+    newcomer = Newcomer("2", "guide", "android", "hand", ("02:B7:00:00:00:01",))
+    device, _ = store.enrol(100.0, newcomer, ("post",), 200.0, KEY)
+    store.keep_walker(device.id, Walker(peak=1.5), 101.0)
+    with sqlite3.connect(tmp_path / "gateway.db") as plain:
+        plain.execute("INSERT INTO gateway_spool (device, kind, payload) VALUES (?, 'motion', x'00')", (device.id,))
+    assert not any(b"02:b7:00:00:00:01" in path.read_bytes().lower() for path in tmp_path.iterdir())
     store.withdraw(device.id, 200.0)
     with sqlite3.connect(tmp_path / "gateway.db") as plain:
         assert plain.execute("PRAGMA journal_mode").fetchone() == ("wal",)
         consents = plain.execute("SELECT device, version, given, withdrawn FROM gateway_consents").fetchall()
         devices = plain.execute("SELECT id, token_sha256, name, platform, revoked FROM gateway_devices").fetchall()
+        for table in ("tokens", "transmitters", "walkers", "spool"):
+            assert plain.execute(f"SELECT count(*) FROM gateway_{table}").fetchone() == (0,), table
     assert consents == [(device.id, "2", 100.0, 200.0)]
     assert devices == [(device.id, None, "", "", 200.0)]
-    assert not any(token.encode() in path.read_bytes() for path in tmp_path.iterdir())
+
+
+def test_a_transmitter_belongs_to_one_device_and_comes_free_with_its_withdrawal(url: str) -> None:
+    migrate(url)
+    store = DeviceStore(open_engine(url))
+    tag, band = "02:B7:00:00:00:01", "02-b7-00-00-00-02"
+    first, _ = store.enrol(100.0, Newcomer("1", transmitters=(tag,)), ("post",), 200.0, KEY)
+    with pytest.raises(TransmitterTakenError) as caught:
+        store.enrol(101.0, Newcomer("1", transmitters=(band, tag.lower())), ("post",), 200.0, KEY)
+    assert caught.value.index == 1
+    assert {device.id for device in store.devices_by_digest().values()} == {first.id}  # nothing of the second is stored
+    store.add_transmitters(first.id, [band, tag], KEY)
+    assert store.devices_by_digest() == {digest_of(tag, KEY): first, digest_of("02:B7:00:00:00:02", KEY): first}
+    store.withdraw(first.id, 102.0)
+    second, _ = store.enrol(103.0, Newcomer("1", transmitters=(tag,)), ("post",), 200.0, KEY)
+    assert store.devices_by_digest() == {digest_of(tag, KEY): second}
+
+
+def test_tokens_from_before_they_were_signed_are_gone_after_the_migration(url: str, tmp_path: Path) -> None:
+    migrate(url, "0001")
+    with sqlite3.connect(tmp_path / "gateway.db") as plain:
+        plain.execute("INSERT INTO gateway_devices VALUES ('d-1', 'digest', '', '', 'hand', 1.0, NULL)")
+    migrate(url)
+    with sqlite3.connect(tmp_path / "gateway.db") as plain:
+        assert plain.execute("SELECT id, token_sha256 FROM gateway_devices").fetchall() == [("d-1", None)]
 
 
 @pytest.mark.parametrize("url", ["nonsense", "nosuch://x/y"])

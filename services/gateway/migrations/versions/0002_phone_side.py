@@ -13,6 +13,7 @@ depends_on = None
 
 
 def upgrade() -> None:
+    op.execute("UPDATE gateway_devices SET token_sha256 = NULL")
     op.create_table(
         "gateway_tokens",
         sa.Column("id", sa.String(64), primary_key=True),

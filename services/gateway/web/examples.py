@@ -1,0 +1,166 @@
+"""Worked examples of every body, shown on the gateway's own page and tried by the tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from services.gateway import protocol
+
+__all__ = ["EXAMPLES"]
+
+EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
+    protocol.Enrolment: {
+        "a phone in the hand": {
+            "enrolment_key": "demo-enrolment-key",
+            "consent": True,
+            "name": "Museum guide",
+            "platform": "android",
+            "carrying": "hand",
+        },
+        "a phone in a pocket, with a tag that the site's receivers hear": {
+            "enrolment_key": "demo-enrolment-key",
+            "consent": True,
+            "consent_version": "1",
+            "carrying": "pocket",
+            "transmitters": ["02:b7:00:00:00:01"],
+        },
+    },
+    protocol.Enrolled: {
+        "enrolled": {
+            "device": "d-3f0c5b1e9a7d4c26",
+            "token": "eyJhbGciOiJIUzI1NiIsImtpZCI6IjYxZTQ4ZWEzIiwidHlwIjoiSldUIn0.eyJzdWIiOiJkLTNmMGM1YjFlIn0.c2lnbmVk",
+            "expires": 1767830400.12,
+            "site": "hall",
+            "consent_version": "1",
+            "time": 1767225600.12,
+            "batches": "/v1/devices/d-3f0c5b1e9a7d4c26/batches",
+            "stream": "/v1/devices/d-3f0c5b1e9a7d4c26/stream",
+            "position": "/v1/devices/d-3f0c5b1e9a7d4c26/position",
+            "alerts": "/v1/devices/d-3f0c5b1e9a7d4c26/alerts",
+        }
+    },
+    protocol.Consent: {"the text": {"version": "1", "text": "May this site follow where your phone is? …"}},
+    protocol.Change: {"into the pocket": {"carrying": "pocket"}},
+    protocol.OwnDevice: {"changed": {"device": "d-3f0c5b1e9a7d4c26", "carrying": "pocket"}},
+    protocol.TokenRequest: {
+        "for an app that posts": {"scopes": ["post"]},
+        "to read for an hour": {"scopes": ["read"], "seconds": 3600},
+    },
+    protocol.NewToken: {
+        "for an app that posts": {
+            "id": "5d41402abc4b2a76",
+            "token": "eyJhbGciOiJIUzI1NiIsImtpZCI6IjYxZTQ4ZWEzIiwidHlwIjoiSldUIn0.eyJzdWIiOiJkLTNmMGM1YjFlIn0.c2lnbmVk",
+            "scopes": ["post"],
+            "expires": 1767830400.12,
+        }
+    },
+    protocol.Tokens: {
+        "two": {
+            "tokens": [
+                {
+                    "id": "9c1185a5c5e9fc54",
+                    "scopes": ["post", "read", "manage"],
+                    "created": 1767225600.12,
+                    "expires": 1767830400.12,
+                    "asking": True,
+                },
+                {
+                    "id": "5d41402abc4b2a76",
+                    "scopes": ["post"],
+                    "created": 1767225700.0,
+                    "expires": 1767830400.12,
+                    "asking": False,
+                },
+            ]
+        }
+    },
+    protocol.BatchReply: {
+        "all of it is on the bus": {
+            "seq": 0,
+            "duplicate": False,
+            "received": 1767225601.03,
+            "replied": 1767225601.031,
+            "clock_offset": 0.03,
+            "clock_drift": 0.0,
+            "late": False,
+            "accepted": {"samples": 2, "scans": 1, "readings": 2},
+            "ignored": {},
+        }
+    },
+    protocol.Position: {
+        "in a zone": {
+            "t": 1767225602.4,
+            "age": 0.2,
+            "area": "hall",
+            "floor": "ground",
+            "x": 7.31,
+            "y": 4.02,
+            "covariance": [0.04, 0.0, 0.05],
+            "probability": 0.93,
+            "zones": [{"id": "exhibit-1", "name": "The first exhibit"}],
+        }
+    },
+    protocol.OwnAlerts: {
+        "entered": {
+            "alerts": [
+                {
+                    "t": 1767225601.9,
+                    "kind": "enter",
+                    "zone": "exhibit-1",
+                    "name": "The first exhibit",
+                    "floor": "ground",
+                    "x": 7.02,
+                    "y": 4.0,
+                }
+            ]
+        }
+    },
+    protocol.ErrorReply: {
+        "a field is wrong": {
+            "status": 422,
+            "detail": [
+                {
+                    "field": "imu.ax[3]",
+                    "problem": "is not a finite number",
+                    "found": "NaN or infinity",
+                    "allowed": "finite numbers",
+                }
+            ],
+            "retry_after": None,
+        }
+    },
+    protocol.Batch: {
+        "two samples and a scan": {
+            "sent": 1767225601.0,
+            "seq": 0,
+            "imu": {
+                "t": [1767225600.96, 1767225600.98],
+                "ax": [0.1, 0.2],
+                "ay": [0.3, 0.1],
+                "az": [9.8, 9.9],
+                "gx": [0, 0],
+                "gy": [0, 0],
+                "gz": [0.01, 0.01],
+                "mx": [0, 0],
+                "my": [20, 20],
+                "mz": [-43, -43],
+            },
+            "radio": [
+                {
+                    "t": 1767225600.5,
+                    "kind": "wifi",
+                    "address": ["02:a7:00:00:00:01", "02:a7:00:00:00:02"],
+                    "rssi": [-52, -61],
+                }
+            ],
+        },
+        "a beacon scan alone, with the last reply echoed": {
+            "sent": 1767225602.0,
+            "seq": 1,
+            "radio": [{"t": 1767225601.7, "kind": "ble", "address": ["02:a7:00:00:00:03"], "rssi": [-70]}],
+            "echo": {"replied": 1767225601.031, "arrived": 1767225601.06},
+        },
+    },
+}

@@ -1,0 +1,46 @@
+"""What all routes work with."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from services.gateway.devices.consent import ConsentText
+from services.gateway.devices.own_alerts import OwnAlertBook
+from services.gateway.devices.own_position import OwnPositions
+from services.gateway.devices.storage import DeviceStore
+from services.gateway.phones.phone_book import PhoneBook
+from services.gateway.phones.receivers import ReceiverBook
+from services.gateway.settings import GatewaySettings
+
+__all__ = ["Gateway"]
+
+T = TypeVar("T")
+
+
+@dataclass(slots=True)
+class Gateway:
+    """The parts of the gateway behind its HTTP."""
+
+    settings: GatewaySettings
+    site: str
+    consent: ConsentText
+    store: DeviceStore
+    phones: PhoneBook
+    receivers: ReceiverBook
+    positions: OwnPositions
+    alerts: OwnAlertBook
+    started: Callable[[], None]
+    """Called once requests are served."""
+    _workers: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(2, "gateway"))
+
+    async def work(self, task: Callable[..., T], *arguments: object) -> T:
+        """Run what may take long, the database above all, in a thread: nothing holds the event loop."""
+        return await asyncio.get_running_loop().run_in_executor(self._workers, task, *arguments)
+
+    def close(self) -> None:
+        """Let the threads go."""
+        self._workers.shutdown(wait=False, cancel_futures=True)
