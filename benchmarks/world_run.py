@@ -21,6 +21,7 @@ from services.cli.simulate import find_scenario
 from services.gateway.phones.batch_check import Limits
 from services.gateway.phones.phone import Phone
 from services.gateway.protocol import Batch
+from services.gateway.reckoning.dead_reckoning import DeadReckoner
 from services.simulator.people import BLOCK
 from services.simulator.phones.phone_batch import PhoneBatch
 from services.simulator.phones.posting import body_of
@@ -70,7 +71,9 @@ def record_world(
     """
     world = World(scenario, site, seed)
     until = math.ceil((scenario.duration if seconds is None else seconds) / BLOCK) * BLOCK
-    phones = {carrier.person: _phone(carrier.device, carrier.fleet.enrolled_as, site) for carrier in world.carriers}
+    addresses = {address.lower(): point.id for point in site.access_points for address in point.addresses}
+    phones = {carrier.person: Phone(carrier.device, addresses, carrier.fleet.enrolled_as) for carrier in world.carriers}
+    reckoner = DeadReckoner(site.north_radians)
     frames: dict[str, list[tuple[float, DetectionFrame]]] = defaultdict(list)
     area_of = {camera.id: camera.area for camera in site.cameras}
     told: list[tuple[float, RadioScan | MotionBatch]] = []
@@ -88,7 +91,7 @@ def record_world(
             replied[message.person] = message
             if body is None:
                 continue
-            phone.take(body, EPOCH + arrival.t, LIMITS)
+            phone.take(body, EPOCH + arrival.t, LIMITS, reckoner)
             told += [(EPOCH + arrival.t, said) for said in phone.outbox]
             phone.outbox.clear()
         else:
@@ -115,11 +118,6 @@ def with_access_points(record: WorldRecord, wanted: Sequence[str]) -> WorldRecor
     ]
     scans = {device: [_of_points(scan, kept) for scan in scans] for device, scans in record.scans.items()}
     return dataclasses.replace(record, site=site, arrivals=arrivals, scans=scans)
-
-
-def _phone(device: str, enrolled_as: str, site: Site) -> Phone:
-    addresses = {address.lower(): point.id for point in site.access_points for address in point.addresses}
-    return Phone(device, addresses, site.north_radians, heading_known=enrolled_as == "hand")
 
 
 def _body(batch: PhoneBatch, before: PhoneBatch | None, motion: bool) -> Batch | None:

@@ -1,11 +1,9 @@
 """Idle phones cost nothing, and are taken back as if nothing had been."""
 
 import json
-import pickle
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from waiting import wait_until
 
@@ -13,7 +11,6 @@ from services.gateway.devices.storage import Registered
 from services.gateway.errors import RequestError
 from services.gateway.phones.batch_check import Limits
 from services.gateway.phones.phone_book import PhoneBook
-from services.gateway.reckoning.dead_reckoning import DeadReckoner, InertialSamples
 from shared.bus import Bus
 from shared.messages import Message, RadioScan
 from shared.site import load_site
@@ -33,10 +30,9 @@ def site_file(project: Path) -> Path:
 
 def test_an_idle_phone_holds_no_publisher_and_goes_on_where_it_was(zenoh_router: str, site_file: Path) -> None:
     site = load_site(site_file)
-    with Bus([zenoh_router]) as bus:
+    with Bus([zenoh_router]) as bus, PhoneBook(site, bus, Limits(), idle=10.0) as phones:
         inbox = bus.inbox()
         inbox.subscribe(f"atrium/1/{site.site}/device/*/radio", RadioScan)
-        phones = PhoneBook(site, bus, Limits(), idle=10.0)
         before = len(bus._declared)
         phones.post(DEVICE, body(0), time.time())
         assert len(bus._declared) == before + 1
@@ -55,8 +51,7 @@ def test_an_idle_phone_holds_no_publisher_and_goes_on_where_it_was(zenoh_router:
 
 
 def test_a_phone_silent_for_very_long_is_forgotten_whole(zenoh_router: str, site_file: Path) -> None:
-    with Bus([zenoh_router]) as bus:
-        phones = PhoneBook(load_site(site_file), bus, Limits(), idle=10.0)
+    with Bus([zenoh_router]) as bus, PhoneBook(load_site(site_file), bus, Limits(), idle=10.0) as phones:
         phones.post(DEVICE, body(0), time.time())
         phones.rest(time.monotonic() + 121.0)
         assert not phones._entries
@@ -65,13 +60,13 @@ def test_a_phone_silent_for_very_long_is_forgotten_whole(zenoh_router: str, site
 
 def test_a_bus_that_is_gone_keeps_the_batch_for_the_next_try(zenoh_router: str, site_file: Path) -> None:
     bus = Bus([zenoh_router])
-    phones = PhoneBook(load_site(site_file), bus, Limits(), idle=10.0)
-    phones.post(DEVICE, body(0), time.time())
-    bus.close()
-    with pytest.raises(RequestError) as caught:
-        phones.post(DEVICE, body(1), time.time())
-    assert caught.value.status == 503
-    assert len(phones._entries[DEVICE.id].phone.outbox) == 1
+    with PhoneBook(load_site(site_file), bus, Limits(), idle=10.0) as phones:
+        phones.post(DEVICE, body(0), time.time())
+        bus.close()
+        with pytest.raises(RequestError) as caught:
+            phones.post(DEVICE, body(1), time.time())
+        assert caught.value.status == 503
+        assert len(phones._entries[DEVICE.id].phone.outbox) == 1
 
 
 class LosingBus(Bus):
@@ -91,10 +86,9 @@ class LosingBus(Bus):
 
 def test_what_is_published_again_after_the_bus_went_away_keeps_its_number(zenoh_router: str, site_file: Path) -> None:
     site = load_site(site_file)
-    with LosingBus([zenoh_router]) as bus:
+    with LosingBus([zenoh_router]) as bus, PhoneBook(site, bus, Limits(), idle=10.0) as phones:
         inbox = bus.inbox()
         inbox.subscribe(f"atrium/1/{site.site}/device/*/radio", RadioScan)
-        phones = PhoneBook(site, bus, Limits(), idle=10.0)
         phones.post(DEVICE, body(0), time.time())
         bus.lose = True
         with pytest.raises(RequestError) as caught:
@@ -116,20 +110,10 @@ def test_what_is_published_again_after_the_bus_went_away_keeps_its_number(zenoh_
 def test_a_forgotten_phone_is_not_taken_in_again_by_a_batch_that_was_on_its_way(
     zenoh_router: str, site_file: Path
 ) -> None:
-    with Bus([zenoh_router]) as bus:
-        phones = PhoneBook(load_site(site_file), bus, Limits(), idle=10.0)
+    with Bus([zenoh_router]) as bus, PhoneBook(load_site(site_file), bus, Limits(), idle=10.0) as phones:
         phones.post(DEVICE, body(0), time.time())
         phones.forget(DEVICE.id)
         with pytest.raises(RequestError) as caught:
             phones.post(DEVICE, body(1), time.time())
         assert caught.value.status == 401
         assert not phones._entries
-
-
-def test_the_state_of_a_walking_phone_is_small() -> None:
-    reckoner = DeadReckoner(north=0.0)
-    for second in range(60):
-        t = second + np.arange(0, 1, 0.01)
-        acceleration = np.stack([0 * t, 0 * t, 9.81 + 3 * np.sin(2 * np.pi * 1.9 * t)], axis=1)
-        reckoner.push(InertialSamples(t, acceleration, np.zeros((100, 3)), np.tile([0.0, 20.0, -43.0], (100, 1))))
-    assert len(pickle.dumps(reckoner)) < 60_000

@@ -3,56 +3,100 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from services.gateway.phones.batch_check import Limits, check_batch
 from services.gateway.phones.clock import ClockAligner
 from services.gateway.protocol import Accepted, Batch, RadioReadings
-from services.gateway.reckoning.dead_reckoning import DeadReckoner, Motion, Walk
+from services.gateway.reckoning.dead_reckoning import Carrying, DeadReckoner, InertialSamples, Motion, Walk
 from shared.messages import MotionBatch, RadioScan
+from shared.walking.stride import StrideLine
 
 __all__ = ["Intake", "Phone"]
 
 SEQ_WINDOW = 256
 """Batches may overtake each other by this many; an older ``seq`` counts as seen."""
+LATENESS = 5.0
+"""Seconds after which a measurement is no use for live positions."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Intake:
     """What one batch came to."""
 
     duplicate: bool
+    received: float
     clock_offset: float
-    accepted: Accepted
-    ignored: dict[str, int]
+    clock_drift: float
+    samples: InertialSamples | None = None
+    """Still to be advanced."""
+    used_samples: int = 0
+    scans: int = 0
+    readings: int = 0
+    late: bool = False
+    ignored: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def accepted(self) -> Accepted:
+        """How much was used."""
+        return Accepted(samples=self.used_samples, scans=self.scans, readings=self.readings)
+
+    def ignore(self, reason: str, count: int) -> None:
+        """Count what was not used."""
+        if count:
+            self.ignored[reason] = self.ignored.get(reason, 0) + count
 
 
 class Phone:
     """The state of one phone: a pure state machine, a batch in, messages for the bus into ``outbox``.
 
+    A batch is taken in two steps, ``admit`` and ``tell``; between them the dead reckoning of many phones is advanced at
+    once. ``take`` does all of it for one phone.
+
     Args:
         device: its id.
         access_points: address in lower case → site id of the access point.
-        north: direction of north on the plan, radians.
-        heading_known: False for a phone in a pocket or bag.
+        carrying: how it is carried.
+        line: the carrier's own stride model, where there is one.
+        lateness: seconds after which a measurement is marked late.
     """
 
-    def __init__(self, device: str, access_points: dict[str, str], north: float, heading_known: bool) -> None:
+    def __init__(
+        self,
+        device: str,
+        access_points: Mapping[str, str],
+        carrying: Carrying = "unknown",
+        line: StrideLine | None = None,
+        lateness: float = LATENESS,
+    ) -> None:
         self.device = device
         self.outbox: deque[RadioScan | MotionBatch] = deque()
-        """What is not yet on the bus; a batch is acknowledged only when this is empty."""
+        """What is neither on the bus nor stored; a batch is acknowledged only when this is empty."""
+        self.walk = Walk(carrying, line)
         self._access_points = access_points
-        self._reckoner = DeadReckoner(north)
-        self._heading_known = heading_known
+        self._lateness = lateness
         self._clock = ClockAligner()
-        self._walk: Walk | None = None
         self._seen: set[int] = set()
         self._highest = -1
         self._radio_seq = 0
         self._motion_seq = 0
 
-    def take(self, batch: Batch, received: float, limits: Limits) -> Intake:
+    def take(self, batch: Batch, received: float, limits: Limits, reckoner: DeadReckoner) -> Intake:
         """Check and use one batch that arrived at server time ``received``.
+
+        Raises:
+            RequestError: the batch is refused; nothing of it was used.
+        """
+        intake = self.admit(batch, received, limits)
+        if intake.samples is not None:
+            before = self.walk.late
+            (motions,) = reckoner.advance([self.walk], [intake.samples])
+            self.tell(intake, motions, self.walk.late - before)
+        return intake
+
+    def admit(self, batch: Batch, received: float, limits: Limits) -> Intake:
+        """Check one batch and use all of it but the inertial samples, which stand in the intake.
 
         Raises:
             RequestError: the batch is refused; nothing of it was used.
@@ -61,25 +105,30 @@ class Phone:
         echo = None if batch.echo is None else (batch.echo.replied, batch.echo.arrived)
         offset = self._clock.observe(batch.sent, received, echo)
         if batch.seq in self._seen or batch.seq <= self._highest - SEQ_WINDOW:
-            return Intake(True, offset, Accepted(), {})
+            return Intake(True, received, offset, self._clock.drift)
         self._note(batch.seq)
-        ignored: dict[str, int] = {}
-        readings = sum(self._take_scan(scan, offset, ignored) for scan in batch.radio)
-        used = 0
-        if samples is not None:
-            walk = self._walk = self._walk or Walk("hand" if self._heading_known else "pocket")
-            late = walk.late
-            for motion in self._reckoner.advance([walk], [samples])[0]:
-                self._tell(motion, offset)
-            late = walk.late - late
-            used = len(samples.t) - late
-            if late:
-                ignored["samples whose time had passed"] = late
-        return Intake(False, offset, Accepted(samples=used, scans=len(batch.radio), readings=readings), ignored)
+        intake = Intake(False, received, offset, self._clock.drift, samples, scans=len(batch.radio))
+        for scan in batch.radio:
+            self._take_scan(scan, intake)
+        return intake
+
+    def tell(self, intake: Intake, motions: Sequence[Motion], dropped: int) -> None:
+        """Put what dead reckoning made of a batch into the outbox.
+
+        Args:
+            intake: of the batch.
+            motions: what its samples came to.
+            dropped: how many of its samples were too late to be used.
+        """
+        samples, intake.samples = intake.samples, None
+        intake.used_samples = (0 if samples is None else len(samples.t)) - dropped
+        intake.ignore("samples whose time had passed", dropped)
+        for motion in motions:
+            self._tell(motion, intake)
 
     def rest(self) -> None:
-        """Give the memory of an idle phone back; its clock and the batches seen are kept."""
-        self._walk = None
+        """Give the memory of an idle phone back; its clock, its count of walks and the batches seen are kept."""
+        self.walk = Walk(self.walk.carrying, self.walk.line, self.walk.walks)
 
     def _note(self, seq: int) -> None:
         self._seen.add(seq)
@@ -88,7 +137,12 @@ class Phone:
             if len(self._seen) > 2 * SEQ_WINDOW:
                 self._seen = {number for number in self._seen if number > seq - SEQ_WINDOW}
 
-    def _take_scan(self, scan: RadioReadings, offset: float, ignored: dict[str, int]) -> int:
+    def _is_late(self, t: float, intake: Intake) -> bool:
+        late = intake.received - t > self._lateness
+        intake.late = intake.late or late
+        return late
+
+    def _take_scan(self, scan: RadioReadings, intake: Intake) -> None:
         """Translate addresses to site ids; an address the site does not know goes no further than this line."""
         strongest: dict[str, float] = {}
         unknown = again = 0
@@ -101,44 +155,54 @@ class Phone:
                 strongest[access_point] = max(rssi, strongest[access_point])
             else:
                 strongest[access_point] = rssi
-        for reason, count in (("unknown address", unknown), ("access point heard twice in a scan", again)):
-            if count:
-                ignored[reason] = ignored.get(reason, 0) + count
+        intake.readings += len(strongest)
+        intake.ignore("unknown address", unknown)
+        intake.ignore("access point heard twice in a scan", again)
+        t = scan.t + self._clock.offset_at(scan.t)
+        late = self._is_late(t, intake)
         if strongest:
             self.outbox.append(
                 RadioScan(
-                    t=scan.t + offset,
+                    t=t,
                     device=self.device,
                     seq=self._radio_seq,
                     kind=scan.kind,
                     access_point=list(strongest),
                     rssi=list(strongest.values()),
+                    late=late,
                 )
             )
             self._radio_seq += 1
-        return len(strongest)
 
-    def _tell(self, motion: Motion, offset: float) -> None:
+    def _tell(self, motion: Motion, intake: Intake) -> None:
+        offset = self._clock.offset_at(motion.t)
+        t = motion.t + offset
+        steps = {}
+        if len(motion.step_t):
+            steps = {
+                "step_t": (motion.step_t + offset).tolist(),
+                "step_t_variance": motion.step_t_variance.tolist(),
+                "length": motion.length.tolist(),
+                "length_variance": motion.length_variance.tolist(),
+                "heading": motion.heading.tolist(),
+                "heading_variance": motion.heading_variance.tolist(),
+                "other_heading": motion.other_heading.tolist(),
+                "other_probability": motion.other_probability.tolist(),
+            }
+        if len(motion.turn_t):
+            steps |= {"turn_t": (motion.turn_t + offset).tolist(), "turn": motion.turn.tolist()}
         self.outbox.append(
             MotionBatch(
-                t=motion.t + offset,
+                t=t,
                 t_start=motion.t_start + offset,
                 device=self.device,
                 seq=self._motion_seq,
                 activity=motion.activity,
-                step_t=(motion.step_t + offset).tolist(),
-                length=motion.length.tolist(),
-                length_variance=motion.length_variance.tolist(),
-                heading=motion.heading.tolist(),
-                heading_variance=motion.heading_variance.tolist(),
-                step_t_variance=motion.step_t_variance.tolist(),
-                other_heading=motion.other_heading.tolist(),
-                other_probability=motion.other_probability.tolist(),
                 walk=motion.walk,
                 heading_bias_variance=motion.heading_bias_variance,
                 length_scale_variance=motion.length_scale_variance,
-                turn_t=(motion.turn_t + offset).tolist(),
-                turn=motion.turn.tolist(),
+                late=self._is_late(t, intake),
+                **steps,
             )
         )
         self._motion_seq += 1

@@ -1,25 +1,35 @@
-"""All phones of this gateway: one state each, their publishers, and the promise that what is acknowledged is sent."""
+"""All phones of this gateway: batches in, in groups, and the promise that what is acknowledged reaches the bus."""
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
+from collections import Counter as Tally
 from collections import OrderedDict, deque
-from dataclasses import dataclass, field
-from typing import NoReturn
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import NoReturn, cast
 
+import numpy as np
 import structlog
 from prometheus_client import Counter, Gauge
 
-from services.gateway.devices.storage import Registered
+from services.gateway.devices.storage import Registered, Walker
 from services.gateway.errors import RequestError, read_json, refuse
 from services.gateway.phones.batch_check import Limits
-from services.gateway.phones.phone import Phone
+from services.gateway.phones.dispatch import Dispatcher
+from services.gateway.phones.group_worker import FullError, GroupWorker
+from services.gateway.phones.phone import LATENESS, Intake, Phone
+from services.gateway.phones.spool import Spool
 from services.gateway.protocol import Batch, BatchReply, FieldError
-from shared.bus import Bus, Publisher
+from services.gateway.reckoning.dead_reckoning import Carrying, DeadReckoner
+from shared.bus import Bus
 from shared.keys import Keys
-from shared.messages import Erasure, MotionBatch, RadioScan
+from shared.messages import Erasure, StrideModel
 from shared.site import Site
+from shared.walking.stride import StrideLine
 
 __all__ = ["PhoneBook", "busy"]
 
@@ -29,8 +39,14 @@ IGNORED = Counter("atrium_gateway_ignored_total", "What was not used of batches"
 PHONES = Gauge("atrium_gateway_phones", "Phones that posted lately")
 OUTBOX = 10_000
 """Messages a phone may have waiting for the bus before its batches are refused."""
+WAITING = 1000
+"""Batches that may wait for their turn; more are answered 503 rather than kept waiting."""
 FORGOTTEN_KEPT = 100_000
 """Forgotten devices remembered: far more than can have a batch on its way at once."""
+MODELS_KEPT = 100_000
+"""Personal stride models remembered."""
+TWO_WALKS_VARIANCE = 0.04**2
+"""Of the scale of a line from two trial walks: mostly that nobody walks alike when it is measured."""
 
 log = structlog.get_logger(__name__)
 
@@ -41,54 +57,87 @@ def busy(problem: str) -> RequestError:
 
 
 @dataclass(slots=True)
+class _Posted:
+    owner: Registered
+    batch: bytes | Batch
+    received: float
+
+
+@dataclass(slots=True)
 class _Entry:
     phone: Phone
-    lock: threading.Lock = field(default_factory=threading.Lock)
     last_heard: float = 0.0
-    radio: Publisher[RadioScan] | None = None
-    motion: Publisher[MotionBatch] | None = None
-    forgotten: bool = False
-
-    def hush(self) -> None:
-        """Withdraw the publishers."""
-        for publisher in (self.radio, self.motion):
-            if publisher is not None:
-                publisher.close()
-        self.radio = self.motion = None
+    walker: Walker | None = None
 
 
 class PhoneBook:
-    """Takes batches from any thread; phones do not wait for each other."""
+    """Takes batches from any thread. One thread of its own works on all that wait at once, and alone touches phones.
 
-    def __init__(self, site: Site, bus: Bus, limits: Limits, idle: float) -> None:
+    Args:
+        site: whose access points and north.
+        bus: where messages go.
+        limits: of a batch.
+        idle: seconds of silence after which a phone's walk is forgotten.
+        spool: where messages wait while the bus is away; None: batches are refused meanwhile.
+        lateness: seconds after which a measurement is marked late.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        bus: Bus,
+        limits: Limits,
+        idle: float,
+        spool: Spool | None = None,
+        lateness: float = LATENESS,
+    ) -> None:
         self._bus = bus
         self._keys = Keys(site.site)
-        self._north = site.north_radians
         self._limits = limits
         self._idle = idle
+        self._lateness = lateness
         self._access_points = {address.lower(): point.id for point in site.access_points for address in point.addresses}
+        self._reckoner = DeadReckoner(site.north_radians)
+        self._dispatcher = Dispatcher(bus, self._keys, spool)
         self._entries: dict[str, _Entry] = {}
+        self._models: OrderedDict[str, StrideModel] = OrderedDict()
+        self._news = bus.inbox()
+        self._news.subscribe(self._keys.stride_model(), StrideModel, cached=True)
+        self._looked = 0.0
         self._forgotten: OrderedDict[str, None] = OrderedDict()
         self._untold: deque[str] = deque()
         self._lock = threading.Lock()
+        """Of what is forgotten."""
+        self._worker: GroupWorker[_Posted, BatchReply] = GroupWorker(self._work, WAITING, self._look_after, "phones")
 
-    def post(self, device: Registered, body: bytes, received: float) -> BatchReply:
-        """Take one batch and put what it holds on the bus.
+    def submit(self, owner: Registered, batch: bytes | Batch, received: float) -> Future[BatchReply]:
+        """Let one batch wait for its turn; from any thread.
+
+        Args:
+            owner: whose it is.
+            batch: as JSON or read already.
+            received: server clock when it arrived.
 
         Raises:
-            RequestError: 4xx for a bad batch or a forgotten device, nothing of it used; 503 where the bus is away: send
-                it again, what was used of it is kept and will be published once.
+            RequestError: 503 where too many wait. The future raises it too: 4xx for a bad batch or a forgotten device,
+                nothing of it used; 503 where the bus is away and nothing more can be stored: send it again, what was
+                used of it is kept and will be published once.
         """
         try:
-            batch = read_json(body, Batch)
-            entry = self._entry(device)
-            with entry.lock:
-                reply = self._take(entry, batch, received)
-        except RequestError as error:
-            BATCHES.labels("waiting" if error.status == 503 else "refused").inc()
-            raise
-        BATCHES.labels("duplicate" if reply.duplicate else "accepted").inc()
-        return reply
+            return self._worker.submit(_Posted(owner, batch, received))
+        except FullError as error:
+            raise _too_many() from error
+
+    def submit_soon(self, owner: Registered, batch: bytes | Batch, received: float) -> asyncio.Future[BatchReply]:
+        """Do what ``submit`` does, from an event loop."""
+        try:
+            return self._worker.submit_soon(_Posted(owner, batch, received))
+        except FullError as error:
+            raise _too_many() from error
+
+    def post(self, owner: Registered, batch: bytes | Batch, received: float) -> BatchReply:
+        """Take one batch and wait for the reply; see ``submit``."""
+        return self.submit(owner, batch, received).result()
 
     def forget(self, device: str) -> None:
         """Forget a device whose consent was withdrawn, for good; what it sent and is not yet on the bus is dropped."""
@@ -96,16 +145,147 @@ class PhoneBook:
             self._forgotten[device] = None
             if len(self._forgotten) > FORGOTTEN_KEPT:
                 self._forgotten.popitem(last=False)
-            entry = self._entries.pop(device, None)
-            PHONES.set(len(self._entries))
-        if entry is not None:
-            with entry.lock:
-                entry.forgotten = True
-                entry.phone.outbox.clear()
-                entry.hush()
+        self._worker.call(lambda: self._drop(device))
         with self._lock:
             self._untold.append(device)
         self._tell_erasures()
+
+    def has_forgotten(self, device: str) -> bool:
+        """Whether this device's consent was withdrawn here."""
+        with self._lock:
+            return device in self._forgotten
+
+    def rest(self, now: float) -> None:
+        """Let idle phones cost nothing; ``now`` is monotonic. After twelve times as long they are forgotten whole."""
+        self._tell_erasures()
+        self._worker.call(lambda: self._rest(now))
+
+    def close(self) -> None:
+        """Answer what waits and end the thread."""
+        self._worker.close()
+
+    def __enter__(self) -> PhoneBook:
+        """Use it for the length of a block."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
+
+    # What follows runs in the worker's thread.
+
+    def _work(self, posted: Sequence[_Posted]) -> list[BatchReply | Exception]:
+        """Answer a group; several batches of one phone are taken one after the other."""
+        answers: list[BatchReply | Exception] = []
+        start = 0
+        while start < len(posted):
+            devices: set[str] = set()
+            stop = start
+            while stop < len(posted) and posted[stop].owner.id not in devices:
+                devices.add(posted[stop].owner.id)
+                stop += 1
+            answers += self._work_on_phones(posted[start:stop])
+            start = stop
+        _count(answers)
+        return answers
+
+    def _work_on_phones(self, posted: Sequence[_Posted]) -> list[BatchReply | Exception]:
+        """Answer one batch each of some phones."""
+        taken = [self._admit(entry) for entry in posted]
+        self._reckon([one for one in taken if isinstance(one, _Taken) and one.intake.samples is not None])
+        self._dispatcher.send([one.phone for one in taken if isinstance(one, _Taken) and one.phone.outbox])
+        return [one.answer() if isinstance(one, _Taken) else one for one in taken]
+
+    def _admit(self, posted: _Posted) -> _Taken | RequestError:
+        try:
+            batch = read_json(posted.batch, Batch) if isinstance(posted.batch, bytes) else posted.batch
+            entry = self._entry(posted.owner)
+            if len(entry.phone.outbox) > OUTBOX:
+                return busy("too much of this phone waits for the bus")
+            return _Taken(entry.phone, batch.seq, entry.phone.admit(batch, posted.received, self._limits))
+        except RequestError as error:
+            return error
+
+    def _reckon(self, taken: Sequence[_Taken]) -> None:
+        if not taken:
+            return
+        walks = [one.phone.walk for one in taken]
+        before = [walk.late for walk in walks]
+        try:
+            told = self._reckoner.advance(
+                walks, [one.intake.samples for one in taken if one.intake.samples is not None]
+            )
+        except Exception as error:
+            log.exception("dead reckoning failed; the walks begin anew", phones=[one.phone.device for one in taken])
+            for one in taken:
+                one.phone.rest()
+                one.failure = error
+            return
+        for one, motions, walk, late in zip(taken, told, walks, before, strict=True):
+            one.phone.tell(one.intake, motions, walk.late - late)
+
+    def _entry(self, owner: Registered) -> _Entry:
+        # A batch may have been authorised before the consent was withdrawn and come to its end only now.
+        if self.has_forgotten(owner.id):
+            _refuse_forgotten()
+        entry = self._entries.get(owner.id)
+        if entry is None:
+            phone = Phone(owner.id, self._access_points, lateness=self._lateness)
+            entry = self._entries[owner.id] = _Entry(phone, walker=owner.walker)
+            phone.walk.line = self._line(entry)
+            PHONES.set(len(self._entries))
+        elif entry.walker is not owner.walker and entry.walker != owner.walker:
+            entry.walker = owner.walker
+            entry.phone.walk.line = self._line(entry)
+        entry.phone.walk.carrying = cast(Carrying, owner.carrying)
+        entry.last_heard = time.monotonic()
+        return entry
+
+    def _line(self, entry: _Entry) -> StrideLine | None:
+        """Return how long this person's steps are: as learned, else as trial walks told."""
+        model, walker = self._models.get(entry.phone.device), entry.walker
+        if model is not None:
+            return _line(model.slope, model.offset, model.scale_variance)
+        if walker is not None and walker.slope is not None and walker.offset is not None:
+            return _line(walker.slope, walker.offset, TWO_WALKS_VARIANCE)
+        return None
+
+    def _look_after(self) -> None:
+        self._dispatcher.drain()
+        now = time.monotonic()
+        if now - self._looked >= 1.0:
+            self._looked = now
+            self._learn(delivery.message for delivery in self._news.receive(0.0))
+
+    def _learn(self, messages: Iterable[object]) -> None:
+        """Use the newest stride model of each person."""
+        for message in messages:
+            if not isinstance(message, StrideModel) or self.has_forgotten(message.device):
+                continue
+            known = self._models.get(message.device)
+            if known is None or message.version >= known.version:
+                self._models[message.device] = message
+                if len(self._models) > MODELS_KEPT:
+                    self._models.popitem(last=False)
+                entry = self._entries.get(message.device)
+                if entry is not None:
+                    entry.phone.walk.line = self._line(entry)
+
+    def _rest(self, now: float) -> None:
+        for device, entry in list(self._entries.items()):
+            if now - entry.last_heard <= self._idle:
+                continue
+            self._dispatcher.hush(device)
+            entry.phone.rest()
+            if now - entry.last_heard > 12 * self._idle and not entry.phone.outbox:
+                del self._entries[device]
+        PHONES.set(len(self._entries))
+
+    def _drop(self, device: str) -> None:
+        self._entries.pop(device, None)
+        self._models.pop(device, None)
+        self._dispatcher.forget(device)
+        PHONES.set(len(self._entries))
 
     def _tell_erasures(self) -> None:
         """Tell everybody whom to forget; what cannot be told while the bus is away is told by ``rest`` later."""
@@ -118,93 +298,59 @@ class PhoneBook:
             publisher.publish(Erasure(t=time.time(), device=device))
             publisher.close()
 
-    def has_forgotten(self, device: str) -> bool:
-        """Whether this device's consent was withdrawn here."""
-        with self._lock:
-            return device in self._forgotten
 
-    def rest(self, now: float) -> None:
-        """Let idle phones cost nothing; ``now`` is monotonic. After twelve times as long they are forgotten whole."""
-        self._tell_erasures()
-        with self._lock:
-            entries = list(self._entries.items())
-        for device, entry in entries:
-            if now - entry.last_heard <= self._idle or not entry.lock.acquire(blocking=False):
-                continue
-            try:
-                entry.hush()
-                entry.phone.rest()
-                with self._lock:  # last_heard changes under this lock: nobody is on the way to this entry
-                    if now - entry.last_heard > 12 * self._idle and not entry.phone.outbox:
-                        self._entries.pop(device, None)
-            finally:
-                entry.lock.release()
-        PHONES.set(len(self._entries))
+@dataclass(slots=True)
+class _Taken:
+    """One batch of a group, on its way to its answer."""
 
-    def _entry(self, device: Registered) -> _Entry:
-        with self._lock:
-            # A batch may have been authorised before the consent was withdrawn and come to its end only now.
-            if device.id in self._forgotten:
-                _refuse_forgotten()
-            entry = self._entries.get(device.id)
-            if entry is None:
-                heading_known = device.carrying in ("hand", "unknown")
-                phone = Phone(device.id, self._access_points, self._north, heading_known)
-                entry = self._entries[device.id] = _Entry(phone)
-                PHONES.set(len(self._entries))
-            entry.last_heard = time.monotonic()
-            return entry
+    phone: Phone
+    seq: int
+    intake: Intake
+    failure: Exception | None = None
 
-    def _take(self, entry: _Entry, batch: Batch, received: float) -> BatchReply:
-        if entry.forgotten:
-            _refuse_forgotten()
-        phone = entry.phone
-        if len(phone.outbox) > OUTBOX:
-            self._flush(entry)
-        intake = phone.take(batch, received, self._limits)
-        self._flush(entry)
-        accepted = intake.accepted
-        for kind, count in (("sample", accepted.samples), ("scan", accepted.scans), ("reading", accepted.readings)):
-            USED.labels(kind).inc(count)
-        for reason, count in intake.ignored.items():
-            IGNORED.labels(reason).inc(count)
+    def answer(self) -> BatchReply | Exception:
+        if self.failure is not None:
+            return self.failure
+        if self.phone.outbox:
+            return busy("the bus is away and no more can be stored; send the batch again with the same seq")
+        intake = self.intake
         return BatchReply(
-            seq=batch.seq,
+            seq=self.seq,
             duplicate=intake.duplicate,
-            received=received,
+            received=intake.received,
             replied=time.time(),
             clock_offset=intake.clock_offset,
-            accepted=accepted,
+            clock_drift=intake.clock_drift,
+            late=intake.late,
+            accepted=intake.accepted,
             ignored=intake.ignored,
         )
 
-    def _flush(self, entry: _Entry) -> None:
-        """Publish what waits, in order; the connection is looked at before and after, since a lost put is silent."""
-        outbox = entry.phone.outbox
-        if not self._bus.connected:
-            raise busy("the bus is away; send the batch again with the same seq")
-        sent = []
-        try:
-            while outbox:
-                self._publish(entry, outbox[0])
-                sent.append(outbox.popleft())
-        except Exception as error:
-            log.warning("publishing failed", device=entry.phone.device, error=str(error))
-            raise busy("the bus refused; send the batch again with the same seq") from error
-        if sent and not self._bus.connected:
-            outbox.extendleft(reversed(sent))
-            raise busy("the bus went away; send the batch again with the same seq")
 
-    def _publish(self, entry: _Entry, message: RadioScan | MotionBatch) -> None:
-        device = entry.phone.device
-        if isinstance(message, RadioScan):
-            if entry.radio is None:
-                entry.radio = self._bus.publisher(self._keys.radio(device), RadioScan)
-            entry.radio.publish(message)
+def _count(answers: Sequence[BatchReply | Exception]) -> None:
+    results, used, ignored = Tally[str](), Tally[str](), Tally[str]()
+    for answer in answers:
+        if isinstance(answer, BatchReply):
+            results["duplicate" if answer.duplicate else "accepted"] += 1
+            used["sample"] += answer.accepted.samples
+            used["scan"] += answer.accepted.scans
+            used["reading"] += answer.accepted.readings
+            if answer.ignored:
+                ignored.update(answer.ignored)
         else:
-            if entry.motion is None:
-                entry.motion = self._bus.publisher(self._keys.motion(device), MotionBatch)
-            entry.motion.publish(message)
+            results["waiting" if isinstance(answer, RequestError) and answer.status == 503 else "refused"] += 1
+    for counter, tally in ((BATCHES, results), (USED, used), (IGNORED, ignored)):
+        for label, count in tally.items():
+            counter.labels(label).inc(count)
+
+
+def _line(slope: float, offset: float, scale_variance: float) -> StrideLine:
+    return StrideLine(np.array(slope), np.array(offset), np.array(scale_variance))
+
+
+def _too_many() -> RequestError:
+    BATCHES.labels("waiting").inc()
+    return busy("more batches wait than can be taken")
 
 
 def _refuse_forgotten() -> NoReturn:

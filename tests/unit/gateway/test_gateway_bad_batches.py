@@ -13,6 +13,7 @@ from services.gateway.errors import RequestError, read_json
 from services.gateway.phones.batch_check import Limits
 from services.gateway.phones.phone import Phone
 from services.gateway.protocol import Batch
+from services.gateway.reckoning.dead_reckoning import DeadReckoner
 
 ADDRESSES = {"02:a7:00:00:00:01": "ap-1", "02:a7:00:00:00:02": "ap-2"}
 LIMITS = Limits(samples=100, scans=5, readings=10)
@@ -36,13 +37,16 @@ def with_scan(**fields: Any) -> dict[str, Any]:
     return batch
 
 
+RECKONER = DeadReckoner(math.pi / 2)
+
+
 def phone() -> Phone:
-    return Phone("d-1", ADDRESSES, math.pi / 2, True)
+    return Phone("d-1", ADDRESSES, "hand")
 
 
 def refusal(body: bytes, of: Phone | None = None) -> RequestError:
     with pytest.raises(RequestError) as caught:
-        (of or phone()).take(read_json(body, Batch), 1e9, LIMITS)
+        (of or phone()).take(read_json(body, Batch), 1e9, LIMITS, RECKONER)
     return caught.value
 
 
@@ -97,7 +101,7 @@ def test_the_wrong_field_is_named_and_nothing_is_used(batch: dict[str, Any], fie
     assert error.status == 422
     assert [problem.field for problem in error.reply.detail] == [field]
     assert not to.outbox
-    assert not to.take(read_json(json.dumps(good()).encode(), Batch), 1e9, LIMITS).duplicate
+    assert not to.take(read_json(json.dumps(good()).encode(), Batch), 1e9, LIMITS, RECKONER).duplicate
 
 
 @pytest.mark.parametrize(
@@ -134,7 +138,7 @@ def test_no_value_anywhere_breaks_anything(data: st.DataObject, value: Any) -> N
     data.draw(st.sampled_from(places))()
     to, status = phone(), 200
     try:
-        to.take(read_json(json.dumps(batch).encode(), Batch), 1e9, LIMITS)
+        to.take(read_json(json.dumps(batch).encode(), Batch), 1e9, LIMITS, RECKONER)
     except RequestError as error:
         status = error.status
     assert status in (200, 400, 422)

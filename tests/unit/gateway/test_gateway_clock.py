@@ -9,7 +9,7 @@ from services.gateway.phones.clock import ClockAligner
 
 
 def run(offset: float, drift: float, seed: int, seconds: int, echo: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of the estimate, one per second, with 20-500 ms each way, and the quickest journey of two minutes each."""
+    """Errors of the estimate, one per second, with 20-500 ms each way, and the quickest journey so far."""
     rng = np.random.default_rng(seed)
     aligner, errors, last = ClockAligner(), [], None
     journeys = rng.uniform(0.02, 0.5, (seconds, 2))
@@ -23,8 +23,7 @@ def run(offset: float, drift: float, seed: int, seconds: int, echo: bool) -> tup
         estimate = aligner.observe(phone(sent), received, last)
         errors.append(phone(received) + estimate - received)
         last = (received, phone(received + down)) if echo else None
-    quickest = [journeys[max(0, second - 118) : second + 1, 0].min() for second in range(seconds)]
-    return np.abs(errors), np.array(quickest)
+    return np.abs(errors), np.minimum.accumulate(journeys[:, 0])
 
 
 @settings(max_examples=30, deadline=None)
@@ -38,7 +37,7 @@ def test_without_echoes_the_error_is_at_most_the_quickest_journey_and_the_drift(
     offset: float, drift: float, seed: int
 ) -> None:
     errors, quickest = run(offset, drift, seed, 200, echo=False)
-    assert np.all(errors <= quickest + 0.013)
+    assert np.all(errors <= quickest + 0.04)
 
 
 @pytest.mark.parametrize("echo", [False, True])

@@ -8,13 +8,17 @@ import pytest
 from services.gateway.phones.batch_check import Limits
 from services.gateway.phones.phone import SEQ_WINDOW, Phone
 from services.gateway.protocol import Batch, RadioReadings
+from services.gateway.reckoning.dead_reckoning import DeadReckoner
 from shared.messages import InertialColumns, MotionBatch, RadioScan
 
 ADDRESSES = {"02:a7:00:00:00:01": "ap-1", "02:a7:00:00:00:02": "ap-2", "02:a7:00:00:00:12": "ap-2"}
 
 
+RECKONER = DeadReckoner(math.pi / 2)
+
+
 def phone() -> Phone:
-    return Phone("d-1", ADDRESSES, math.pi / 2, True)
+    return Phone("d-1", ADDRESSES, "hand")
 
 
 def scan(t: float, **heard: float) -> RadioReadings:
@@ -31,7 +35,7 @@ def walking(second: int, clock: float) -> InertialColumns:
 def test_addresses_become_site_ids_whatever_their_case_and_unknown_ones_go_nowhere() -> None:
     to = phone()
     batch = Batch(sent=100.0, seq=0, radio=[scan(99.0, _01=-50.0, _02=-60.0, _99=-40.0)])
-    intake = to.take(batch, 100.0, Limits())
+    intake = to.take(batch, 100.0, Limits(), RECKONER)
     (message,) = to.outbox
     assert isinstance(message, RadioScan)
     assert (message.access_point, message.rssi) == (["ap-1", "ap-2"], [-50.0, -60.0])
@@ -41,7 +45,7 @@ def test_addresses_become_site_ids_whatever_their_case_and_unknown_ones_go_nowhe
 
 def test_an_access_point_with_two_addresses_is_told_once_at_its_strongest() -> None:
     to = phone()
-    intake = to.take(Batch(sent=100.0, seq=0, radio=[scan(99.0, _02=-60.0, _12=-55.0)]), 100.0, Limits())
+    intake = to.take(Batch(sent=100.0, seq=0, radio=[scan(99.0, _02=-60.0, _12=-55.0)]), 100.0, Limits(), RECKONER)
     (message,) = to.outbox
     assert isinstance(message, RadioScan)
     assert (message.access_point, message.rssi) == (["ap-2"], [-55.0])
@@ -50,7 +54,7 @@ def test_an_access_point_with_two_addresses_is_told_once_at_its_strongest() -> N
 
 def test_a_scan_of_strangers_only_is_counted_and_not_published() -> None:
     to = phone()
-    intake = to.take(Batch(sent=100.0, seq=0, radio=[scan(99.0, _77=-60.0)]), 100.0, Limits())
+    intake = to.take(Batch(sent=100.0, seq=0, radio=[scan(99.0, _77=-60.0)]), 100.0, Limits(), RECKONER)
     assert not to.outbox
     assert intake.ignored == {"unknown address": 1}
 
@@ -63,7 +67,7 @@ def test_a_clock_that_is_off_by_a_day_places_everything_in_server_time(off: floa
         batch = Batch(
             sent=clock + second + 1, seq=second, imu=walking(second, clock), radio=[scan(clock + second, _01=-50.0)]
         )
-        to.take(batch, server + second + 1.03, Limits())
+        to.take(batch, server + second + 1.03, Limits(), RECKONER)
     scans = [m for m in to.outbox if isinstance(m, RadioScan)]
     motions = [m for m in to.outbox if isinstance(m, MotionBatch)]
     assert [m.t for m in scans] == pytest.approx([server + second for second in range(12)], abs=0.05)
@@ -78,13 +82,15 @@ def test_a_clock_that_is_off_by_a_day_places_everything_in_server_time(off: floa
 def test_the_same_batch_again_is_acknowledged_and_not_published_twice() -> None:
     to = phone()
     batch = Batch(sent=100.0, seq=7, radio=[scan(99.0, _01=-50.0)])
-    assert not to.take(batch, 100.0, Limits()).duplicate
-    assert to.take(batch, 130.0, Limits()).duplicate
+    assert not to.take(batch, 100.0, Limits(), RECKONER).duplicate
+    assert to.take(batch, 130.0, Limits(), RECKONER).duplicate
     assert len(to.outbox) == 1
 
 
 def test_batches_that_overtake_each_other_are_all_taken_and_ancient_ones_count_as_seen() -> None:
     to = phone()
     for seq in (0, 2, 1, 3 * SEQ_WINDOW, 3 * SEQ_WINDOW - 1):
-        assert not to.take(Batch(sent=100.0, seq=seq, radio=[scan(99.0, _01=-50.0)]), 100.0, Limits()).duplicate
-    assert to.take(Batch(sent=100.0, seq=5, radio=[scan(99.0, _01=-50.0)]), 100.0, Limits()).duplicate
+        assert not to.take(
+            Batch(sent=100.0, seq=seq, radio=[scan(99.0, _01=-50.0)]), 100.0, Limits(), RECKONER
+        ).duplicate
+    assert to.take(Batch(sent=100.0, seq=5, radio=[scan(99.0, _01=-50.0)]), 100.0, Limits(), RECKONER).duplicate
