@@ -1,7 +1,7 @@
 """What did a phone measure that was walked through a real shopping mall, and where was it? (``indoor-location``)
 
-80 traces of two surveyors, one phone model, held flat in the hand; way-points in metres, x east and y north of the plan,
-stamped as they were passed. The straight line between two of them is a leg; people may have bent it.
+80 traces of surveyors with one phone model, held flat in the hand; way-points in metres, x east and y north of the
+plan, stamped as they were passed. The straight line between two of them is a leg; people may have bent it.
 """
 
 from __future__ import annotations

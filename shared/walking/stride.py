@@ -1,12 +1,13 @@
 """How long is a step? From cadence and bounce for anybody, from a line of their own for people who are known.
 
-A length is wrong in two ways that a filter must tell apart: each step by itself, and all steps of a walk by one factor,
-since people and phones differ. Every prediction says how much of either.
+A length is wrong in two ways that a filter must tell apart: each step by itself, and all steps of a walk by one
+factor, since people and phones differ. Every prediction says how much of either.
 
-The universal model, ``a f + b + c bounce^¼``, was fitted to the traces of ``indoor-location`` (``atrium bench
-dead-reckoning``). That a quicker step is a shorter one *at the same bounce* is the inverted pendulum's law: bounce grows
-with length times cadence, squared. Two surveyors are not everybody, and people of ``step-counter`` who walk at the
-same cadence differ in bounce by a factor of two: what the traces say of a and c is therefore believed by three quarters.
+The universal model, ``a f + b + c bounce^¼``, was fitted to the traces of ``indoor-location`` (``atrium bench dead-
+reckoning``). That a quicker step is a shorter one *at the same bounce* is the inverted pendulum's law: bounce grows
+with the square of length times cadence. The traces' surveyors are not everybody, and people of ``step-counter`` who
+walk at the same cadence differ in bounce by a factor of two: what the traces say of a and c is believed by three
+quarters.
 """
 
 from __future__ import annotations

@@ -12,7 +12,15 @@ from scipy.spatial.transform import Rotation
 
 from services.gateway.reckoning.hops import RATE, Array, Hops, State
 
-__all__ = ["EARTH_FIELD", "ComplementaryFilter", "angles", "cosine_matrix", "measured_angles", "trusted_field"]
+__all__ = [
+    "EARTH_FIELD",
+    "ComplementaryFilter",
+    "angles",
+    "cosine_matrix",
+    "measured_angles",
+    "trusted_field",
+    "turned_since",
+]
 
 EARTH_FIELD = (15.0, 80.0)
 """µT; outside it the field is not the Earth's and the compass is left out."""
@@ -75,7 +83,7 @@ class ComplementaryFilter:
 
     def advance(self, state: State, hops: Hops, rate: Array) -> Array:
         """Take one hop of each of p phones; see ``Attitude``."""
-        turned = _turned(rate)
+        turned = turned_since(rate)
         measured = hops.measured()
         down_to_earth = np.einsum("pnij,pnj->pni", turned, hops.acceleration) / GRAVITY
         up = _blend(state["up"], down_to_earth, measured, self._level)
@@ -101,8 +109,8 @@ def trusted_field(field: Array) -> NDArray[np.bool_]:
     return trusted
 
 
-def _turned(rate: Array) -> Array:
-    """Return the rotations since before the hop (p, HOP, 3, 3): products of the samples' own, by doubling."""
+def turned_since(rate: Array) -> Array:
+    """Return the rotations (p, HOP, 3, 3) that ``rate`` (p, HOP, 3) rad/s makes since before the hop, by doubling."""
     shape = rate.shape
     turned = Rotation.from_rotvec(rate.reshape(-1, 3) / RATE).as_matrix().reshape(*shape, 3)
     reach = 1

@@ -1,7 +1,7 @@
 """Where did the phones' steps lead? Inertial samples of many phones in, steps with length and heading out.
 
-The order of work on a hop: gyro bias, attitude, steps, then for each step its heading and its length, and the turns.
-Every algorithm is one file with a ``STATE``; the states of one phone are one record, in ``Walk``.
+The order of work on a hop: gyro bias, hard iron, attitude, steps, then for each step its heading and its length, and
+the turns. Every algorithm is one file with a ``STATE``; the states of one phone are one record, in ``Walk``.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from services.gateway.reckoning.carrying import Carrying, CarryingDetection
 from services.gateway.reckoning.complementary import ComplementaryFilter, trusted_field
 from services.gateway.reckoning.gyro_bias import GyroBias
 from services.gateway.reckoning.hand_heading import HandHeading
+from services.gateway.reckoning.hard_iron import HardIron
 from services.gateway.reckoning.hops import RATE, Array, Hops, State
 from services.gateway.reckoning.plan_heading import plan_heading
 from services.gateway.reckoning.pocket_heading import PocketHeading
@@ -69,6 +70,7 @@ class DeadReckoner:
         self._north = north
         self._attitude = attitude or ComplementaryFilter()
         self._bias = GyroBias()
+        self._iron = HardIron()
         self._walking = WalkingDetection()
         self._carrying = CarryingDetection()
         self._turns = TurnDetection()
@@ -83,6 +85,7 @@ class DeadReckoner:
         states = {
             "bias": self._bias.STATE,
             "walked": _WALKED,
+            "iron": self._iron.STATE,
             "attitude": self._attitude.STATE,
             "recent": RECENT,
             "detector": self._detectors[carrying].STATE,
@@ -148,6 +151,7 @@ class DeadReckoner:
 
     def _reckon(self, carrying: Carrying, walks: Sequence[Walk], record: State, hops: Hops) -> list[Motion]:
         rate = self._bias.advance(record["bias"], hops)
+        hops = self._iron.advance(record["iron"], hops, rate)
         attitude = self._attitude.advance(record["attitude"], hops, rate)
         recent = remember(record["recent"], hops, rate, attitude)
         steps = self._detectors[carrying].advance(record["detector"], hops)

@@ -1,0 +1,91 @@
+"""Which part of the magnetic field turns with the phone? Its own iron's, which the compass must not follow.
+
+The field in the phone is ``m = Rᵀ E + b``: the Earth's and the building's E stands still while the phone turns by R,
+and the iron's b does not. With R from the gyroscope, least squares tell the two apart as soon as somebody turns a
+corner. On the traces of ``indoor-location`` b is 12 µT, the same in every trace that turns, and without it nine in
+ten headings are right within 27° instead of 18° (``atrium bench dead-reckoning``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from services.gateway.reckoning.complementary import trusted_field, turned_since
+from services.gateway.reckoning.hops import Array, Hops, State
+
+__all__ = ["HardIron"]
+
+
+class HardIron:
+    """Follows b of each phone, and forgets.
+
+    Args:
+        forgets: s; the gyroscope's R drifts, buildings differ from place to place and phones are put into cases.
+        doubt: s of evidence that the belief in ``b = 0`` is worth. Chosen on every other trace; the rest agreed.
+    """
+
+    STATE = np.dtype(
+        [
+            ("frame", np.float64, (3, 3)),
+            ("seconds", np.float64),
+            ("turned", np.float64, (3, 3)),
+            ("field", np.float64, (3,)),
+            ("still", np.float64, (3,)),
+        ]
+    )
+    """Rows of R at the end of the last hop, and the decaying sums of 1, R, m and R m."""
+    GRAVITY_SHARE = 0.3
+    """Of a hop's mean acceleration in the upward row of R."""
+
+    def __init__(self, forgets: float = 120.0, doubt: float = 5.0) -> None:
+        self._keep = float(np.exp(-1.0 / forgets))
+        self._doubt = doubt
+
+    def advance(self, state: State, hops: Hops, rate: Array) -> Hops:
+        """Take one hop of each of p phones, change ``state`` (p,) in place and return the hops with b taken away.
+
+        Args:
+            state: (p,) of ``STATE``.
+            hops: the samples.
+            rate: (p, HOP, 3) rad/s, bias removed.
+        """
+        turned = turned_since(rate)
+        use = hops.measured() & trusted_field(hops.field)
+        field = np.where(use[..., None], hops.field, 0.0)
+        frame = self._levelled(state["frame"], np.einsum("pnij,pnj->pi", turned, hops.acceleration))
+        share = 1.0 / use.shape[1]
+        fade = np.where(use.any(axis=1), self._keep, 1.0)
+        state["seconds"] = fade * state["seconds"] + share * use.sum(axis=1)
+        state["turned"] = fade[:, None, None] * state["turned"] + share * frame @ np.einsum("pn,pnij->pij", use, turned)
+        state["field"] = fade[:, None] * state["field"] + share * field.sum(axis=1)
+        still = np.einsum("pnij,pnj->pi", turned, field)
+        state["still"] = fade[:, None] * state["still"] + share * np.einsum("pij,pj->pi", frame, still)
+        state["frame"] = frame @ turned[:, -1]
+        return replace(hops, field=hops.field - self.iron(state)[:, None])
+
+    def iron(self, state: State) -> Array:
+        """Return b of each of p phones, (p, 3) µT in the phone's axes; zeros where nothing is known."""
+        # seconds E + turned b = still and turnedᵀ E + (seconds + doubt) b = field; E is eliminated.
+        seconds = np.maximum(state["seconds"], 1e-6)[:, None, None]
+        back = np.swapaxes(state["turned"], 1, 2) / seconds
+        left = (seconds + self._doubt) * np.eye(3) - back @ state["turned"]
+        right = state["field"] - np.einsum("pij,pj->pi", back, state["still"])
+        solved: Array = np.linalg.solve(left, right[..., None])[..., 0]
+        return solved
+
+    def _levelled(self, frame: Array, upward: Array) -> Array:
+        """Return ``frame`` (p, 3, 3) with its third row drawn towards ``upward`` (p, 3), orthonormal."""
+        known = np.any(frame[:, 2], axis=1, keepdims=True)
+        measured = _unit(upward)
+        up = _unit(np.where(known, (1.0 - self.GRAVITY_SHARE) * frame[:, 2] + self.GRAVITY_SHARE * measured, measured))
+        lying = np.abs(up[:, :1]) < 0.9
+        ahead = np.where(known, frame[:, 0], np.where(lying, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]))
+        level = _unit(ahead - np.sum(ahead * up, axis=1, keepdims=True) * up)
+        return np.stack([level, np.cross(up, level), up], axis=1)
+
+
+def _unit(vectors: Array) -> Array:
+    unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+    return unit
