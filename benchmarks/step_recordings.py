@@ -18,7 +18,17 @@ from services.gateway.reckoning.hops import HOP, RATE, Hops
 from services.gateway.steps.detector import LONGEST_DELAY, StepDetector
 from shared.settings import data_folder
 
-__all__ = ["POSITIONS", "Recording", "detect", "found_steps", "hops_of", "matched_steps", "read_recordings"]
+__all__ = [
+    "MATCHED_WITHIN",
+    "POSITIONS",
+    "Recording",
+    "best_lag",
+    "detect",
+    "found_steps",
+    "hops_of",
+    "matched_steps",
+    "read_recordings",
+]
 
 Array = NDArray[np.float64]
 
@@ -27,6 +37,7 @@ POSITIONS = {"InHand": "hand", "FrontPocket": "front", "BackPocket": "back", "Pu
 
 MATCHED_WITHIN = 0.25
 """Seconds between a step found and the true one."""
+_MOST_LAG = 0.4
 _TOO_SOON, _HOLE = 0.6, (1.6, 3.4)
 """Of a median stride: edges of one foot nearer than this are one; holes of two or three strides were walked."""
 
@@ -114,20 +125,21 @@ def found_steps(
     return [t[t <= recording.end] for t, recording in zip(every, recordings, strict=True)]
 
 
-def matched_steps(found: Array, true: Array) -> int:
-    """Return how many steps found lie within ``MATCHED_WITHIN`` of a true one, each used once, at the best single lag.
+def best_lag(found: Array, true: Array) -> float:
+    """Return the one lag, s, at which most steps found are matched.
 
     Detectors mark different moments of a step and the switches were polled at 10 Hz, so a recording has one lag.
     """
-    if not len(found) or not len(true):
-        return 0
-    return max(_pairs(found + lag, true) for lag in np.arange(-0.4, 0.41, 0.04))
+    lags = np.arange(-_MOST_LAG, _MOST_LAG + 0.01, 0.04)
+    pairs = [matched_steps(found + lag, true) for lag in lags]
+    best = np.flatnonzero(np.array(pairs) == max(pairs))
+    return float(lags[best[len(best) // 2]])
 
 
-def _pairs(found: Array, true: Array) -> int:
-    """Return the size of the largest matching of two ascending lists: taking each as early as possible is best."""
+def matched_steps(found: Array, true: Array) -> int:
+    """Return how many steps found can be matched with true ones within ``MATCHED_WITHIN``, each used once."""
     pairs = begin = 0
-    for t in found:
+    for t in found.tolist():
         while begin < len(true) and true[begin] < t - MATCHED_WITHIN:
             begin += 1
         if begin < len(true) and true[begin] <= t + MATCHED_WITHIN:
