@@ -4,10 +4,12 @@ Forward acceleration repeats once per step, sideways acceleration once per two s
 acceleration shows beside it too: how much, as a ratio of spectra at the step frequency, is how far; on which side it
 is while the walker brakes is the sign.
 
-**Not applied by default.** Of 103 legs over 10 m of the shopping-mall recordings, where phones truly point ahead, the
-estimate says 15 degrees left (median) and does not go along with the true error of the heading (correlation -0.03); a
-tenth of it already makes headings worse. A real hand moves sideways at the step frequency, by a third of what it moves
-ahead; a simulated one does not, and there the sign is hardly ever wrong (``benchmarks/offset_signs.py``).
+**Not applied by default.** On 103 legs over 10 m of the shopping-mall recordings, whose phones point ahead, the estimate
+says 16 degrees to the left (median) and does not go along with the true error of the heading (correlation 0.08); a
+tenth of it already makes the median heading worse (7.6 to 8.1 degrees), all of it much worse (20.6). A real hand moves
+sideways at the step frequency too, by a third of what it moves ahead; a simulated one does not, and there the sign is
+hardly ever wrong. The same recordings turned in software give the sign as often as the original study: 70 % of windows
+at 15 degrees, 91 % at 30 (``benchmarks/offset_signs.py``).
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from services.gateway.reckoning.hand_heading import pointing
 from services.gateway.reckoning.hops import RATE, Array, State
 from services.gateway.reckoning.recent import KEPT, Recent
 from services.gateway.reckoning.step_heading import UNKNOWN_VARIANCE
@@ -35,7 +38,6 @@ SIGN_RIGHT = 0.705
 
 _POINTS = 512  # of the DFT: zero-padded, for a step frequency falls between the bins of a short window
 _BAND = np.arange(int(1.2 * _POINTS / RATE), int(2.8 * _POINTS / RATE))  # step frequencies
-_UPRIGHT = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +81,10 @@ class Offset:
         """Return the offsets of the phones that stepped and change ``state`` (p,) of ``STATE`` in place."""
         walking = np.flatnonzero(steps.walking & (recent.count >= self.WINDOW))
         if len(walking):
-            ahead, right = horizontal(recent, walking, self.WINDOW)
-            self._learn(state, walking, window_offsets(ahead, right, self._ratio, self._sign))
+            newest = slice(KEPT - self.WINDOW, None)
+            measured, turned = recent.acceleration[walking, newest], recent.attitude[walking, newest]
+            waves = horizontal(measured.astype(np.float64), turned.astype(np.float64))
+            self._learn(state, walking, window_offsets(*waves, self._ratio, self._sign))
         mine = state[steps.phone]
         known, sure = mine["weight"] > 0.0, np.abs(mine["log_odds"])
         offset = np.where(known, np.sign(mine["log_odds"]) * mine["size"], 0.0)
@@ -98,15 +102,15 @@ class Offset:
         state["weight"][phone] = weight
 
 
-def horizontal(recent: Recent, phone: NDArray[np.int64], samples: int) -> tuple[Array, Array]:
-    """Return the horizontal acceleration of the newest samples along the phone's forward direction and to its right.
+def horizontal(acceleration: Array, attitude: Array) -> tuple[Array, Array]:
+    """Return the horizontal acceleration along where phones point and to the right of it, each (k, n), m/s².
 
-    Forward is the top of the phone or, where it is held upright, away from its screen. Each (k, samples), m/s².
+    Args:
+        acceleration: (k, n, 3) m/s², phone axes.
+        attitude: (k, n, 3, 3) rotations from the phone's axes to (east, north, up).
     """
-    attitude = recent.attitude[phone, KEPT - samples :].astype(np.float64)
-    world = np.einsum("pnij,pnj->pni", attitude[:, :, :2], recent.acceleration[phone, KEPT - samples :])
-    upright = attitude[:, :, 2, 1].mean(axis=1) > _UPRIGHT
-    ahead = np.where(upright[:, None, None], -attitude[:, :, :2, 2], attitude[:, :, :2, 1])
+    world = np.einsum("pnij,pnj->pni", attitude[:, :, :2], acceleration)
+    ahead = pointing(attitude)
     ahead = ahead / np.maximum(np.hypot(ahead[:, :, 0], ahead[:, :, 1]), 1e-6)[:, :, None]
     along = world[:, :, 0] * ahead[:, :, 0] + world[:, :, 1] * ahead[:, :, 1]
     right = world[:, :, 0] * ahead[:, :, 1] - world[:, :, 1] * ahead[:, :, 0]

@@ -44,7 +44,7 @@ class PocketHeading:
             ("evidence", np.float64),
         ]
     )
-    BIAS_VARIANCE = np.radians(4.0) ** 2
+    BIAS_VARIANCE = np.radians(6.0) ** 2
     """rad², of what all steps have in common: the compass, and how thigh and walk differ."""
     YIELDS = np.radians(3.0) ** 2
     """rad², of a step: cloth yields."""
@@ -55,7 +55,7 @@ class PocketHeading:
     ODDS_LIMIT = 6.0
     """No sign is surer than exp(this) to one: people differ."""
 
-    def __init__(self, memory: float = 30.0, robust: bool = False) -> None:
+    def __init__(self, memory: float = 20.0, robust: bool = False) -> None:
         self._keep = np.exp(-1.0 / memory)
         self._robust = robust
 
@@ -68,8 +68,8 @@ class PocketHeading:
         )
         rate = np.einsum("mnij,mnj->mni", attitude[:, :, :2], gather(recent.rate, recent, steps.phone, found))
         cue = np.einsum("mi,mi->m", swing_asymmetry(rate), line)
-        turned = attitude.mean(axis=1)
-        body = np.einsum("mji,mj->mi", turned[:, :2], line)
+        turned = attitude[:, SAMPLES // 2 :].mean(axis=1)  # the step itself, the stride's second half
+        body = np.einsum("mji,mj->mi", attitude[:, :, :2].mean(axis=1), line)
         place = rank(steps)
         ahead, variance, odds = np.zeros((len(line), 2)), np.empty(len(line)), np.zeros(len(line))
         for count in range(int(place.max(initial=-1)) + 1):
