@@ -110,7 +110,7 @@ class SensorLogger:
         imu = self._inertial({name: _in_order(rows, ignored) for name, rows in streams.items()}, limits, ignored)
         key = (body.session_id, str(body.message_id))
         batch = _batch(imu, radio, limits, ignored)
-        return Push(batch, key, dict(ignored))
+        return Push(batch, key, dict(+ignored))
 
     def _inertial(
         self, streams: dict[str, tuple[Array, Array]], limits: Limits, ignored: Counter[str]
