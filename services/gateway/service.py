@@ -15,6 +15,7 @@ from services.gateway.devices.own_position import OwnPositions
 from services.gateway.devices.storage import DeviceStore
 from services.gateway.phones.phone_book import PhoneBook
 from services.gateway.phones.receivers import ReceiverBook
+from services.gateway.phones.spool import Spool
 from services.gateway.settings import GatewaySettings
 from services.gateway.web.app import create_app
 from services.gateway.web.gateway import Gateway
@@ -57,7 +58,8 @@ class GatewayService(Service[GatewaySettings]):
             settings.live_lateness,
         )
         mqtt = self._mqtt(receivers)
-        phones = PhoneBook(self.site, self.bus, settings.limits(), settings.phone_idle)
+        spool = Spool(engine, settings.spool_bytes)
+        phones = PhoneBook(self.site, self.bus, settings.limits(), settings.phone_idle, spool, settings.live_lateness)
         positions = OwnPositions(self.site.zones, settings.position_kept)
         alerts = OwnAlertBook(self.site.zones, settings.alerts_kept)
         inbox = self.bus.inbox(1000)
@@ -104,6 +106,7 @@ class GatewayService(Service[GatewaySettings]):
             inbox.wake()
             for thread in threads:
                 thread.join(timeout=1.0)
+            phones.close()
             engine.dispose()
 
     def _mqtt(self, receivers: ReceiverBook) -> MqttReceivers | None:

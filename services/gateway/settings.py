@@ -72,6 +72,11 @@ class GatewaySettings(ServiceSettings):
     live_lateness: float = Field(
         5.0, gt=0, description="seconds after which what was measured is late for live positions"
     )
+    spool_bytes: int = Field(
+        1 << 28,
+        ge=0,
+        description="messages of phones kept in the database while the bus is away; 0: batches are refused",
+    )
     token_recheck: float = Field(
         60.0, gt=0, le=3600, description="seconds after which the database is asked again whose token it is"
     )

@@ -27,6 +27,8 @@ SLOW = 0.5
 SLOW_AFTER = 30
 FORWARD = 0.5
 """Seconds by which a journey undercuts all before that make those useless: it was quick, or the clock was set on."""
+SLOWEST = 60.0
+"""Seconds there and back that a journey may take to be believed."""
 CONTRADICTION = 0.1
 """Seconds by which bounds may exclude each other before the clock must have been set."""
 COUNTED = 3600
@@ -124,7 +126,8 @@ class ClockAligner:
             echo: (``replied``, ``arrived``) of the previous reply: server clock, phone clock.
         """
         upper = received - sent
-        lower = None if echo is None or echo[0] - echo[1] > upper else echo  # arrived before it was sent: not believed
+        # A reply that arrived before it was sent is not believed, nor one that was under way for so long.
+        lower = echo if echo is not None and 0.0 <= upper - (echo[0] - echo[1]) <= SLOWEST else None
         if self._upper.count and (self._set_back(sent, upper) or self._contradicted(sent, upper, lower)):
             self._upper, self._lower = _Bounds(1.0), _Bounds(-1.0)
             self._late = self._slow = 0
