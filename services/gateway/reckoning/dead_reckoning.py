@@ -57,6 +57,7 @@ class DeadReckoner:
         detectors: which step detector for which way of carrying.
         hand: heading of steps whose phone is held.
         pocket: heading of steps whose phone is in a pocket.
+        iron: what takes the phone's own iron out of the field.
     """
 
     def __init__(
@@ -66,11 +67,12 @@ class DeadReckoner:
         detectors: Mapping[Carrying, StepDetector] | None = None,
         hand: StepHeading | None = None,
         pocket: StepHeading | None = None,
+        iron: HardIron | None = None,
     ) -> None:
         self._north = north
         self._attitude = attitude or ComplementaryFilter()
         self._bias = GyroBias()
-        self._iron = HardIron()
+        self._iron = iron or HardIron()
         self._walking = WalkingDetection()
         self._carrying = CarryingDetection()
         self._turns = TurnDetection()

@@ -39,7 +39,7 @@ class HardIron:
     GRAVITY_SHARE = 0.3
     """Of a hop's mean acceleration in the upward row of R."""
 
-    def __init__(self, forgets: float = 120.0, doubt: float = 5.0) -> None:
+    def __init__(self, forgets: float = 120.0, doubt: float = 3.0) -> None:
         self._keep = float(np.exp(-1.0 / forgets))
         self._doubt = doubt
 
