@@ -55,6 +55,6 @@ class Intake:
             raise busy("more batches wait than can be taken")
         self._waiting += 1
         try:
-            return await self._gateway.work(self._gateway.phones.post, owner, batch, received)
+            return await self._gateway.phones.submit_soon(owner, batch, received)
         finally:
             self._waiting -= 1
