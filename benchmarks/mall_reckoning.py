@@ -1,0 +1,214 @@
+"""How far off real legs is dead reckoning, and does it know? Scores of the traces of ``indoor-location``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from benchmarks.mall_traces import NORTH, Trace
+from services.gateway.reckoning.dead_reckoning import DeadReckoner, InertialSamples, Walk
+
+__all__ = [
+    "LONG_LEG",
+    "WHOLE",
+    "Walked",
+    "end_errors",
+    "heading_errors",
+    "honesty",
+    "length_errors",
+    "reckon",
+    "scores",
+]
+
+Array = NDArray[np.float64]
+
+LONG_LEG = 10.0
+"""m; headings are judged on legs that are longer, lengths on ``LEG`` and turns between two of those."""
+LEG = 5.0
+WHOLE = 20.0
+"""m; end drift and totals are judged on traces that are at least as long."""
+TURN_LATE = 1.2
+"""s after a way-point's stamp in which people still turn: left out of headings, never of lengths."""
+WAY_POINT_SIGMA = 0.6
+"""m, of a way-point's place at its stamp: pressed by a walking thumb, half a second off at 1.2 m/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Walked:
+    """The m steps that dead reckoning told of one trace; variances as in ``MotionBatch``.
+
+    Attributes:
+        t: (m,) s.
+        length: (m,) m.
+        length_variance: (m,) m².
+        scale_variance: of the factor common to all lengths.
+        heading: (m,) radians counter-clockwise from the plan's +x.
+        heading_variance: (m,) rad².
+        bias_variance: rad², of what all headings have in common.
+    """
+
+    t: Array
+    length: Array
+    length_variance: Array
+    scale_variance: float
+    heading: Array
+    heading_variance: Array
+    bias_variance: float
+
+    def own_length_variance(self) -> Array:
+        """Return the part of ``length_variance`` that a step does not share, (m,) m²."""
+        return np.maximum(self.length_variance - self.length**2 * self.scale_variance, 0.0)
+
+    def own_heading_variance(self) -> Array:
+        """Return the part of ``heading_variance`` that a step does not share, (m,) rad²."""
+        return np.maximum(self.heading_variance - self.bias_variance, 0.0)
+
+
+def reckon(traces: Sequence[Trace], reckoner: DeadReckoner | None = None) -> list[Walked]:
+    """Return the steps of each trace, as the gateway would tell them of a phone in the hand."""
+    reckoner = reckoner or DeadReckoner(NORTH)
+    walks = [Walk("hand") for _ in traces]
+    samples = [InertialSamples(one.t, one.acceleration, one.rotation, one.field) for one in traces]
+    told = [a + b for a, b in zip(reckoner.advance(walks, samples), reckoner.finish(walks), strict=True)]
+    found = []
+    for motions in told:
+        stepping = [motion for motion in motions if len(motion.step_t)]
+        columns = {
+            name: np.concatenate([np.empty(0), *(getattr(motion, field) for motion in stepping)])
+            for name, field in [("t", "step_t")]
+            + [(n, n) for n in ("length", "length_variance")]
+            + [(n, n) for n in ("heading", "heading_variance")]
+        }
+        shared = stepping[-1] if stepping else None
+        found.append(
+            Walked(
+                scale_variance=shared.length_scale_variance if shared else 0.0,
+                bias_variance=shared.heading_bias_variance if shared else 0.0,
+                **columns,
+            )
+        )
+    return found
+
+
+def on_legs(trace: Trace, t: Array, late: float = 0.0) -> NDArray[np.bool_]:
+    """Return which of m steps belong to which of k legs, (k, m): those that ended on it, ``late`` s after its begin."""
+    legs = trace.legs()
+    return (t > legs.begin[:, None] + late) & (t <= legs.end[:, None])
+
+
+def length_errors(trace: Trace, walked: Walked) -> Array:
+    """Return the relative errors of the legs' lengths, (k,); NaN for those of ``LEG`` or less."""
+    true = trace.legs().length
+    error: Array = np.where(true > LEG, on_legs(trace, walked.t) @ walked.length / true - 1.0, np.nan)
+    return error
+
+
+def heading_errors(trace: Trace, walked: Walked, longer: float = LONG_LEG) -> Array:
+    """Return the errors of the legs' mean headings, (k,) rad; NaN for legs not ``longer`` m or of under two steps."""
+    on, legs = on_legs(trace, walked.t, TURN_LATE), trace.legs()
+    mean = np.arctan2(on @ np.sin(walked.heading), on @ np.cos(walked.heading))
+    judged = (legs.length > longer) & (on.sum(axis=1) >= 2)
+    return np.where(judged, _wrapped(mean - legs.heading), np.nan)
+
+
+def end_errors(trace: Trace, walked: Walked) -> tuple[Array, Array]:
+    """Return by how much the last way-point is missed, (2,) m, and the covariance that was predicted, (2, 2) m².
+
+    The truth's own doubt is part of it.
+    """
+    on = (walked.t > trace.way[0, 0]) & (walked.t <= trace.way[-1, 0])
+    length, heading = walked.length[on], walked.heading[on]
+    along = np.stack([np.cos(heading), np.sin(heading)])
+    aside = np.stack([-along[1], along[0]])
+    went = along @ length
+    error: Array = went - (trace.way[-1, 1:] - trace.way[0, 1:])
+    turned = np.array([-went[1], went[0]])
+    own_length = walked.own_length_variance()[on]
+    own_heading = walked.own_heading_variance()[on] * length**2
+    covariance = (
+        walked.scale_variance * np.outer(went, went)
+        + walked.bias_variance * np.outer(turned, turned)
+        + (along * own_length) @ along.T
+        + (aside * own_heading) @ aside.T
+        + 2.0 * WAY_POINT_SIGMA**2 * np.eye(2)
+    )
+    return error, covariance
+
+
+def scores(traces: Sequence[Trace], walked: Sequence[Walked]) -> dict[str, float]:
+    """Return medians and ninth deciles of the errors of legs, turns, totals and ends."""
+    pairs = list(zip(traces, walked, strict=True))
+    length = np.abs(_kept(np.concatenate([length_errors(*pair) for pair in pairs])))
+    heading = np.degrees(np.abs(_kept(np.concatenate([heading_errors(*pair) for pair in pairs]))))
+    turns = [np.diff(heading_errors(*pair, longer=LEG)) for pair in pairs]
+    turn = np.degrees(np.abs(_wrapped(_kept(np.concatenate(turns)))))
+    whole = [pair for pair in pairs if pair[0].legs().length.sum() >= WHOLE]
+    total = np.array([_total(*pair) for pair in whole])
+    drift = np.array([np.hypot(*end_errors(*pair)[0]) / pair[0].legs().length.sum() for pair in whole])
+    return {
+        "leg_error": float(np.median(length)),
+        "leg_error_p90": float(np.quantile(length, 0.9)),
+        "trace_total_error": float(np.median(np.abs(total))),
+        "heading_error_deg": float(np.median(heading)),
+        "heading_error_p90_deg": float(np.quantile(heading, 0.9)),
+        "turn_error_deg": float(np.median(turn)),
+        "end_drift": float(np.median(drift)),
+        "end_drift_p90": float(np.quantile(drift, 0.9)),
+    }
+
+
+def honesty(traces: Sequence[Trace], walked: Sequence[Walked]) -> dict[str, float]:
+    """Return how errors compare with what was predicted for them: shares within one and two σ, and the ends' mean NEES.
+
+    Normal errors lie within one σ in 0.68 and within two in 0.95 of the cases; a mean NEES (normalised estimation error
+    squared) of n two-dimensional errors lies between ``end_nees_low`` and ``end_nees_high`` in 95 of 100 data sets.
+    """
+    pairs = list(zip(traces, walked, strict=True))
+    length = np.abs(_kept(np.concatenate([_normal_lengths(*pair) for pair in pairs])))
+    heading = np.abs(_kept(np.concatenate([_normal_headings(*pair) for pair in pairs])))
+    ends = [end_errors(*pair) for pair in pairs if pair[0].legs().length.sum() >= WHOLE]
+    nees = np.array([error @ np.linalg.solve(covariance, error) for error, covariance in ends])
+    low, high = (float(chi2.ppf(share, 2 * len(nees))) / len(nees) for share in (0.025, 0.975))
+    inside = {"leg": length, "heading": heading}
+    return {
+        **{f"{name}_within_1_sigma": float(np.mean(size < 1.0)) for name, size in inside.items()},
+        **{f"{name}_within_2_sigma": float(np.mean(size < 2.0)) for name, size in inside.items()},
+        "end_nees": float(nees.mean()),
+        "end_nees_low": low,
+        "end_nees_high": high,
+        "end_within_95": float(np.mean(nees < chi2.ppf(0.95, 2))),
+    }
+
+
+def _normal_lengths(trace: Trace, walked: Walked) -> Array:
+    on, true = on_legs(trace, walked.t), trace.legs().length
+    found = on @ walked.length
+    variance = found**2 * walked.scale_variance + on @ walked.own_length_variance() + 2.0 * WAY_POINT_SIGMA**2
+    return np.where(true > LEG, (found - true) / np.sqrt(variance), np.nan)
+
+
+def _normal_headings(trace: Trace, walked: Walked) -> Array:
+    on, true = on_legs(trace, walked.t, TURN_LATE), trace.legs().length
+    steps = np.maximum(on.sum(axis=1), 1)
+    own = on @ walked.own_heading_variance() / steps**2
+    truth = 2.0 * (WAY_POINT_SIGMA / np.maximum(true, LEG)) ** 2
+    normal: Array = heading_errors(trace, walked) / np.sqrt(walked.bias_variance + own + truth)
+    return normal
+
+
+def _total(trace: Trace, walked: Walked) -> float:
+    inside = (walked.t > trace.way[0, 0]) & (walked.t <= trace.way[-1, 0])
+    return float(walked.length[inside].sum() / trace.legs().length.sum() - 1.0)
+
+
+def _kept(values: Array) -> Array:
+    return values[np.isfinite(values)]
+
+
+def _wrapped(angle: Array) -> Array:
+    wrapped: Array = np.angle(np.exp(1j * angle))
+    return wrapped
