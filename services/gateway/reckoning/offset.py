@@ -4,8 +4,8 @@ Forward acceleration repeats once per step, sideways acceleration once per two s
 acceleration shows beside it too: how much, as a ratio of spectra at the step frequency, is how far; on which side it
 is while the walker brakes is the sign.
 
-**Not applied by default.** On 103 legs over 10 m of the shopping-mall recordings, whose phones point ahead, the estimate
-says 16 degrees to the left (median) and does not go along with the true error of the heading (correlation 0.08); a
+**Not applied by default.** On 103 legs over 10 m of the shopping-mall recordings, whose phones point ahead, the offset
+told is 16 degrees to the left (median) and does not go along with the true error of the heading (correlation 0.08); a
 tenth of it already makes the median heading worse (7.6 to 8.1 degrees), all of it much worse (20.6). A real hand moves
 sideways at the step frequency too, by a third of what it moves ahead; a simulated one does not, and there the sign is
 hardly ever wrong. The same recordings turned in software give the sign as often as the original study: 70 % of windows

@@ -13,8 +13,8 @@ from services.gateway.steps.detector import Steps
 
 __all__ = ["FOOTFALLS", "SAMPLES", "Strides", "gather", "rank", "strides"]
 
-FOOTFALLS = np.dtype([("t", np.float64, (2,))])
-"""The last two footfalls of one phone, s; 0 before there were any."""
+FOOTFALLS = np.dtype([("count", np.int64), ("t", np.float64, (2,))])
+"""How many footfalls there were of one phone, and the times of the last two, s."""
 SAMPLES = 64
 """Evenly spaced samples to which a stride is brought, so that its harmonics are whole bins of a DFT."""
 SHORTEST, LONGEST = 0.6, 2.4
@@ -53,13 +53,15 @@ def strides(footfalls: State, recent: Recent, steps: Steps) -> Strides:
         steps: those of the newest hop.
     """
     place, phone, t = rank(steps), steps.phone, steps.t
-    before = footfalls["t"]
+    before, count = footfalls["t"], footfalls["count"]
     one = np.where(place > 0, np.roll(t, 1), before[phone, 1])
     two = np.where(place > 1, np.roll(t, 2), np.where(place > 0, before[phone, 1], before[phone, 0]))
     newest = np.append(phone[1:] != phone[:-1], True) if len(phone) else np.zeros(0, bool)
-    begin = np.where(_is_stride(t - two), two, t - 2.0 * steps.period[phone])
+    whole = (count[phone] + place >= 2) & _is_stride(t - two)
+    begin = np.where(whole, two, t - 2.0 * steps.period[phone])
     oldest = recent.t[phone] - (recent.count[phone] - 1) / RATE
     before[phone[newest], 0], before[phone[newest], 1] = one[newest], t[newest]
+    count[phone[newest]] += place[newest] + 1
     return Strides(begin, t, _is_stride(t - begin) & (begin >= oldest - 0.5 / RATE))
 
 
