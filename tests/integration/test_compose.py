@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import signal
+import ssl
 import subprocess
 import sys
 import time
@@ -17,9 +18,11 @@ from typing import Any
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
+import httpx
 import pytest
 import yaml
 import zenoh
+from certificates import make_certificate
 from conftest import ROOT, unused_port
 from waiting import wait_until
 
@@ -31,7 +34,14 @@ SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
 OURS = {name: service for name, service in SERVICES.items() if "build" in service}
 PROCESSES = {name: service for name, service in OURS.items() if name != "migrate"}
 DOCKERFILE = (ROOT / "deploy" / "Dockerfile").read_text(encoding="utf-8")
-SECRETS = ("ATRIUM_ENROLMENT_KEY", "ATRIUM_API_KEYS", "ATRIUM_API_KEY", "ATRIUM_DASHBOARD_PASSWORD")
+SECRETS = (
+    "ATRIUM_ENROLMENT_KEY",
+    "ATRIUM_TOKEN_KEY",
+    "ATRIUM_ADDRESS_KEY",
+    "ATRIUM_API_KEYS",
+    "ATRIUM_API_KEY",
+    "ATRIUM_DASHBOARD_PASSWORD",
+)
 
 
 def read_env(path: Path) -> dict[str, str]:
@@ -111,6 +121,7 @@ def test_every_camera_and_area_of_the_demo_site_has_its_process() -> None:
 def test_no_secret_stands_in_the_file_and_only_the_demo_has_known_ones() -> None:
     text = (ROOT / "docker-compose.yml").read_text(encoding="utf-8")
     assert "demo-" not in text
+    assert "a demo key" not in text
     for name in SECRETS:
         assert re.search(rf"{name}: \${{{name}:-}}$", text, re.M), name
     assert {name: value for name, value in read_env(ROOT / ".env.example").items() if name in SECRETS} == dict.fromkeys(
@@ -126,10 +137,15 @@ def test_only_the_demo_has_the_simulator() -> None:
     assert DEMO["COMPOSE_PROFILES"] == "demo"
 
 
-def test_only_this_machine_reaches_the_published_ports() -> None:
-    for service in SERVICES.values():
+@pytest.mark.parametrize("file", ["deploy/demo.env", ".env.example"])
+def test_only_this_machine_reaches_the_published_ports_but_for_phones_that_come_by_https(file: str) -> None:
+    variables = read_env(ROOT / file)
+    open_to_all = set()
+    for name, service in SERVICES.items():
         for port in service.get("ports", []):
-            assert port.startswith("127.0.0.1:"), port
+            if not filled(port, variables).startswith("127.0.0.1:"):
+                open_to_all.add(name)
+    assert open_to_all == ({"gateway"} if variables.get("ATRIUM_TLS_CERTIFICATE") else set())
 
 
 def test_the_router_is_pinned_to_the_version_the_services_speak() -> None:
@@ -308,6 +324,36 @@ def test_every_service_gets_ready_by_the_command_in_the_file_and_stops_when_told
             if process.poll() is None:
                 process.kill()
                 process.wait()
+
+
+def test_in_a_museum_phones_reach_the_gateway_by_https_with_the_mounted_certificate(
+    tmp_path: Path, zenoh_router: str
+) -> None:
+    (tmp_path / "tls").mkdir()
+    certificate = make_certificate(tmp_path / "tls", "fullchain.pem", "privkey.pem")
+    secrets = {name: f"a secret of this museum, {name}".replace(",", "") for name in SECRETS}
+    variables = read_env(ROOT / ".env.example") | secrets
+    variables |= {"ATRIUM_SITE_FOLDER": "./deploy/sites/hall", "ATRIUM_TLS_FOLDER": str(tmp_path / "tls")}
+    host = Host(tmp_path, variables)
+    host.ports["7447"] = int(zenoh_router.rsplit(":", 1)[1])
+    assert host.start("migrate", 0).wait(timeout=60) == 0, host.log("migrate")
+    health = unused_port()
+    gateway = host.start("gateway", health)
+    try:
+
+        def ready() -> bool:
+            assert gateway.poll() is None, host.log("gateway")
+            return status_of(f"http://127.0.0.1:{health}/readyz") == 200
+
+        wait_until(ready, 30.0, "the gateway to be ready")
+        body = {"enrolment_key": secrets["ATRIUM_ENROLMENT_KEY"], "consent": True}
+        trusting = ssl.create_default_context(cafile=str(certificate))
+        answer = httpx.post(f"https://127.0.0.1:{host.port('8080')}/v1/devices", json=body, verify=trusting)
+        assert answer.status_code == 201, answer.text
+        with pytest.raises(httpx.HTTPError):
+            httpx.post(f"http://127.0.0.1:{host.port('8080')}/v1/devices", json=body)
+    finally:
+        gateway.kill()
 
 
 @pytest.mark.parametrize("name", ["gateway", "api", "dashboard"])
