@@ -21,24 +21,22 @@ from services.gateway.phones.batch_check import LATEST_CLOCK, Limits
 from services.gateway.phones.heard import Heard
 from services.gateway.protocol import Batch, RadioReadings
 
-__all__ = ["Find3", "Find3Reply", "read_passive"]
+__all__ = ["Find3", "Find3Post", "read_passive"]
 
 KINDS: dict[str, Literal["wifi", "ble"]] = {"wifi": "wifi", "bluetooth": "ble"}
 EARLIEST = 1e11
 """ms: March 1973; a time before it is in seconds."""
 
 
-class _Body(msgspec.Struct, frozen=True):
+class Find3Post(msgspec.Struct, frozen=True):
+    """Body of FIND3's posts, as far as it is used."""
+
     d: str
+    """Name of the device; of the receiver in passive mode."""
     t: int | float
+    """ms since 1970."""
     s: dict[str, Any]
-
-
-class Find3Reply(msgspec.Struct, frozen=True, kw_only=True):
-    """What FIND3's programs expect as an answer."""
-
-    success: bool
-    message: str
+    """``wifi`` and ``bluetooth``: address to level in dBm."""
 
 
 class Find3:
@@ -84,14 +82,14 @@ def read_passive(payload: bytes, most: int, address_length: int) -> tuple[str, R
     return body.d, Report(heard, ignored)
 
 
-def _read(payload: bytes) -> tuple[_Body, dict[str, int]]:
-    body = read_json(payload, _Body)
+def _read(payload: bytes) -> tuple[Find3Post, dict[str, int]]:
+    body = read_json(payload, Find3Post)
     number(body.t, "t", (EARLIEST, LATEST_CLOCK * 1000.0, "ms since 1970"))
     other = len(body.s.keys() - KINDS.keys())
     return body, dict(Counter({"sensor of no use here": other})) if other else {}
 
 
-def _readings(body: _Body, name: str, most: int, address_length: int) -> Iterator[tuple[str, float]]:
+def _readings(body: Find3Post, name: str, most: int, address_length: int) -> Iterator[tuple[str, float]]:
     """Yield addresses and levels; a place is told by its number, lest a stranger's address stands in an answer."""
     found = body.s.get(name)
     if found is None:

@@ -9,26 +9,28 @@ import time
 from collections import Counter as Tally
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import msgspec
 from fastapi import APIRouter, Request, Response
 from prometheus_client import Counter
 
 from services.gateway.adapters.adapter import PhoneAdapter
-from services.gateway.adapters.find3 import Find3, Find3Reply, read_passive
+from services.gateway.adapters.find3 import Find3, Find3Post, read_passive
 from services.gateway.adapters.numbering import Numbering
-from services.gateway.adapters.sensor_logger import SensorLogger
+from services.gateway.adapters.replies import AdapterReply, Find3Error, Find3Reply
+from services.gateway.adapters.sensor_logger import SensorLogger, SensorLoggerPush
 from services.gateway.devices.enrolment import same_key
 from services.gateway.devices.tokens import POST
 from services.gateway.errors import RequestError, refuse
-from services.gateway.protocol import Accepted, ErrorReply
 from services.gateway.web.bodies import read_body
 from services.gateway.web.gateway import Gateway
 from services.gateway.web.intake import Intake
+from services.gateway.web.openapi import answers, takes
 from services.gateway.web.replies import REFUSED, respond
 from services.gateway.web.who_asks import WhoAsks
 
-__all__ = ["AdapterReply", "adapter_routes"]
+__all__ = ["adapter_routes"]
 
 PAYLOADS = Counter("atrium_gateway_adapter_payloads_total", "Payloads of other programs", ["adapter", "result"])
 LEFT_OUT = Counter("atrium_gateway_adapter_ignored_total", "What was not used of them", ["adapter", "reason"])
@@ -37,29 +39,19 @@ SENSOR_LOGGERS: dict[str, SensorLogger] = {"android": SensorLogger(), "ios": Sen
 FIND3 = Find3()
 
 
-class AdapterReply(msgspec.Struct, frozen=True, kw_only=True):
-    """Reply 200 to a push: what became of it. It is on the bus."""
-
-    duplicate: bool
-    """True where the same push had been accepted before; nothing was published again."""
-    received: float
-    """Server clock when the request arrived."""
-    late: bool = False
-    accepted: Accepted = Accepted()
-    ignored: dict[str, int] = {}
-    """What was not used, counted by reason."""
-
-
-class _FindError(ErrorReply, frozen=True, kw_only=True):
-    """An error in FIND3's form, which its programs show, and in ours."""
-
-    success: bool = False
-    message: str
-
-
 def adapter_routes(gateway: Gateway, who_asks: WhoAsks, intake: Intake) -> APIRouter:
     """Return the routes. Tokens need the scope ``post``."""
     router = APIRouter(prefix=PATH, tags=["other programs"])
+    errors = (400, 401, 403, 413, 415, 422, 429, 503)
+    pushed: dict[str, Any] = {
+        "responses": answers(200, AdapterReply, *errors),
+        "openapi_extra": takes(SensorLoggerPush),
+    }
+    pushed["responses"][202] = pushed["responses"][200]
+    posted: dict[str, Any] = {
+        "responses": answers(200, Find3Reply, *errors, error=Find3Error),
+        "openapi_extra": takes(Find3Post),
+    }
     numbering = Numbering()
     settings = gateway.settings
     limits = settings.limits()
@@ -95,17 +87,17 @@ def adapter_routes(gateway: Gateway, who_asks: WhoAsks, intake: Intake) -> APIRo
             reply = await take(SENSOR_LOGGERS[frame], request, token)
         return respond(reply, 202 if reply.late else 200)
 
-    @router.post("/sensor-logger")
+    @router.post("/sensor-logger", **pushed)
     async def sensor_logger_with_header(request: Request) -> Response:
         """Take a push of the Sensor Logger app; token in the header ``Authorization``, with or without ``Bearer``."""
         return await sensor_logger(request, _token_of(request))
 
-    @router.post("/sensor-logger/{token}")
+    @router.post("/sensor-logger/{token}", **pushed)
     async def sensor_logger_with_path(token: str, request: Request) -> Response:
         """Take a push of the Sensor Logger app; token in the path."""
         return await sensor_logger(request, token)
 
-    @router.post("/find3/{token}/data")
+    @router.post("/find3/{token}/data", **posted)
     async def find3_data(token: str, request: Request) -> Response:
         """Take what a phone heard, in FIND3's form. Server address of its app: all before ``/data``."""
         try:
@@ -115,7 +107,7 @@ def adapter_routes(gateway: Gateway, who_asks: WhoAsks, intake: Intake) -> APIRo
             return _find_error(error)
         return respond(Find3Reply(success=True, message="inserted data" if reply.accepted.scans else "nothing of use"))
 
-    @router.post("/find3/{key}/passive")
+    @router.post("/find3/{key}/passive", **posted)
     async def find3_passive(key: str, request: Request) -> Response:
         """Take what a fixed receiver heard, in FIND3's form; ``key`` is the receivers' key."""
         try:
@@ -165,5 +157,5 @@ def _token_of(request: Request) -> str:
 def _find_error(error: RequestError) -> Response:
     REFUSED.labels(str(error.status)).inc()
     said = error.reply
-    reply = _FindError(status=said.status, detail=said.detail, retry_after=said.retry_after, message=str(error))
+    reply = Find3Error(status=said.status, detail=said.detail, retry_after=said.retry_after, message=str(error))
     return respond(reply, error.status, error.headers)

@@ -32,7 +32,7 @@ from services.gateway.phones.batch_check import (
 from services.gateway.protocol import Batch, RadioReadings
 from shared.messages import InertialColumns
 
-__all__ = ["Frame", "SensorLogger"]
+__all__ = ["Frame", "SensorLogger", "SensorLoggerPush"]
 
 Array = NDArray[np.float64]
 Frame = Literal["android", "ios"]
@@ -58,16 +58,23 @@ SCAN = 1.0
 """s: radio readings closer than this belong to one scan."""
 
 
-class _Entry(msgspec.Struct, frozen=True):
+class SensorLoggerEntry(msgspec.Struct, frozen=True):
+    """One sample of one sensor."""
+
     name: str
     time: int | float
+    """ns since 1970, phone clock."""
     values: dict[str, Any] = {}
 
 
-class _Body(msgspec.Struct, frozen=True, rename="camel"):
-    payload: list[_Entry]
+class SensorLoggerPush(msgspec.Struct, frozen=True, rename="camel"):
+    """Body of the app's pushes, as far as it is used."""
+
+    payload: list[SensorLoggerEntry]
     message_id: int
+    """Counts the pushes of a recording."""
     session_id: str = ""
+    """Of the recording."""
 
 
 class SensorLogger:
@@ -88,7 +95,7 @@ class SensorLogger:
         Raises:
             RequestError: 400 where it is not JSON, 422 naming the field that is wrong.
         """
-        body = read_json(payload, _Body)
+        body = read_json(payload, SensorLoggerPush)
         ignored: Counter[str] = Counter()
         streams: dict[str, list[tuple[float, float, float, float]]] = {}
         radio: dict[Literal["wifi", "ble"], list[tuple[float, str, float]]] = {"wifi": [], "ble": []}
@@ -161,11 +168,11 @@ class SensorLogger:
         return None
 
 
-def _seconds(entry: _Entry, place: str) -> float:
+def _seconds(entry: SensorLoggerEntry, place: str) -> float:
     return number(entry.time, f"{place}.time", (0.0, LATEST_CLOCK * 1e9, "ns")) / 1e9
 
 
-def _row(entry: _Entry, place: str, kind: str) -> tuple[float, float, float, float] | None:
+def _row(entry: SensorLoggerEntry, place: str, kind: str) -> tuple[float, float, float, float] | None:
     values = entry.values
     largest, unit = RANGES[kind]
     allowed = (-largest, largest, unit)
@@ -182,7 +189,7 @@ def _row(entry: _Entry, place: str, kind: str) -> tuple[float, float, float, flo
 
 
 def _radio_row(
-    entry: _Entry,
+    entry: SensorLoggerEntry,
     place: str,
     names: tuple[str, str],
     limits: Limits,

@@ -7,6 +7,9 @@ from typing import Any
 import msgspec
 
 from services.gateway import protocol
+from services.gateway.adapters.find3 import Find3Post
+from services.gateway.adapters.replies import AdapterReply, Find3Reply
+from services.gateway.adapters.sensor_logger import SensorLoggerPush
 
 __all__ = ["EXAMPLES"]
 
@@ -163,4 +166,35 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
             "echo": {"replied": 1767225601.031, "arrived": 1767225601.06},
         },
     },
+    SensorLoggerPush: {
+        "two samples": {
+            "messageId": 0,
+            "sessionId": "5b0f1f5e-2a3c-4f0a-9a39-0c6f4a7b1d21",
+            "deviceId": "9d1c64c2-77b1-4c05-8f56-8c1f9d0c1b7e",
+            "payload": [
+                {"name": "totalacceleration", "time": 1767225600960000000, "values": {"x": 0.1, "y": 0.3, "z": 9.8}},
+                {"name": "gyroscope", "time": 1767225600960000000, "values": {"x": 0.0, "y": 0.0, "z": 0.01}},
+                {"name": "totalacceleration", "time": 1767225600980000000, "values": {"x": 0.2, "y": 0.1, "z": 9.9}},
+                {"name": "gyroscope", "time": 1767225600980000000, "values": {"x": 0.0, "y": 0.0, "z": 0.01}},
+            ],
+        }
+    },
+    AdapterReply: {
+        "accepted": {
+            "duplicate": False,
+            "received": 1767225601.03,
+            "late": False,
+            "accepted": {"samples": 2, "scans": 0, "readings": 0},
+            "ignored": {},
+        }
+    },
+    Find3Post: {
+        "what a phone heard": {
+            "d": "visitor-17",
+            "f": "hall",
+            "t": 1767225600897,
+            "s": {"wifi": {"02:a7:00:00:00:01": -47}, "bluetooth": {"02:a7:00:00:00:0b": -72}},
+        }
+    },
+    Find3Reply: {"taken": {"success": True, "message": "inserted data"}},
 }

@@ -37,15 +37,17 @@ def takes(kind: type[msgspec.Struct]) -> dict[str, Any]:
     return {"requestBody": {"required": True, "content": _content(kind)}}
 
 
-def answers(status: int, kind: type[msgspec.Struct] | None, *errors: int) -> dict[int | str, dict[str, Any]]:
-    """Return the ``responses`` of a route: ``kind`` with ``status``, and the errors it may give."""
+def answers(
+    status: int, kind: type[msgspec.Struct] | None, *errors: int, error: type[msgspec.Struct] = protocol.ErrorReply
+) -> dict[int | str, dict[str, Any]]:
+    """Return the ``responses`` of a route: ``kind`` with ``status``, and the errors it may give, each an ``error``."""
     body = {} if kind is None else {"content": _content(kind)}
     described: dict[int | str, dict[str, Any]] = {status: {"description": "done", **body}}
-    for error in errors:
-        reference = {"application/json": {"schema": _reference(protocol.ErrorReply)}}
-        described[error] = {"description": _WHY[error], "content": reference}
-        if error in (429, 503):
-            described[error]["headers"] = _RETRY_AFTER
+    for code in errors:
+        reference = {"application/json": {"schema": _reference(error)}}
+        described[code] = {"description": _WHY[code], "content": reference}
+        if code in (429, 503):
+            described[code]["headers"] = _RETRY_AFTER
     return described
 
 

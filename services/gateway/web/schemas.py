@@ -10,6 +10,9 @@ import msgspec
 from fastapi import APIRouter, Response
 
 from services.gateway import protocol
+from services.gateway.adapters.find3 import Find3Post
+from services.gateway.adapters.replies import AdapterReply, Find3Error, Find3Reply
+from services.gateway.adapters.sensor_logger import SensorLoggerPush
 from services.gateway.errors import refuse
 from services.gateway.protocol import ErrorReply
 from services.gateway.web.openapi import answers
@@ -32,6 +35,11 @@ BODIES: tuple[type[msgspec.Struct], ...] = (
     protocol.TrialWalks,
     protocol.TrialWalksReply,
     protocol.ErrorReply,
+    SensorLoggerPush,
+    AdapterReply,
+    Find3Post,
+    Find3Reply,
+    Find3Error,
 )
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
