@@ -36,6 +36,10 @@ TURN_LATE = 1.2
 WAY_POINT_SIGMA = 0.6
 """m, of a way-point's place at its stamp: pressed by a walking thumb, half a second off at 1.2 m/s."""
 
+COLUMNS = {"t": "step_t"} | {n: n for n in ("length", "length_variance", "heading", "heading_variance")}
+SHARED = {"scale_variance": "length_scale_variance", "bias_variance": "heading_bias_variance"}
+"""Fields of ``Motion`` that become the ones of ``Walked``."""
+
 
 @dataclass(frozen=True, slots=True)
 class Walked:
@@ -45,19 +49,19 @@ class Walked:
         t: (m,) s.
         length: (m,) m.
         length_variance: (m,) m².
-        scale_variance: of the factor common to all lengths.
+        scale_variance: (m,) of the factor common to all lengths, as last told when the step was.
         heading: (m,) radians counter-clockwise from the plan's +x.
         heading_variance: (m,) rad².
-        bias_variance: rad², of what all headings have in common.
+        bias_variance: (m,) rad², of what all headings have in common; it shrinks while a phone learns its iron.
     """
 
     t: Array
     length: Array
     length_variance: Array
-    scale_variance: float
+    scale_variance: Array
     heading: Array
     heading_variance: Array
-    bias_variance: float
+    bias_variance: Array
 
     def own_length_variance(self) -> Array:
         """Return the part of ``length_variance`` that a step does not share, (m,) m²."""
@@ -76,21 +80,17 @@ def reckon(traces: Sequence[Trace], reckoner: DeadReckoner | None = None) -> lis
     told = [a + b for a, b in zip(reckoner.advance(walks, samples), reckoner.finish(walks), strict=True)]
     found = []
     for motions in told:
-        stepping = [motion for motion in motions if len(motion.step_t)]
         columns = {
-            name: np.concatenate([np.empty(0), *(getattr(motion, field) for motion in stepping)])
-            for name, field in [("t", "step_t")]
-            + [(n, n) for n in ("length", "length_variance")]
-            + [(n, n) for n in ("heading", "heading_variance")]
+            name: np.concatenate([np.empty(0), *(getattr(motion, field) for motion in motions)])
+            for name, field in COLUMNS.items()
         }
-        shared = stepping[-1] if stepping else None
-        found.append(
-            Walked(
-                scale_variance=shared.length_scale_variance if shared else 0.0,
-                bias_variance=shared.heading_bias_variance if shared else 0.0,
-                **columns,
+        shared = {
+            name: np.concatenate(
+                [np.empty(0), *(np.full(len(motion.step_t), getattr(motion, field)) for motion in motions)]
             )
-        )
+            for name, field in SHARED.items()
+        }
+        found.append(Walked(**columns, **shared))
     return found
 
 
@@ -124,14 +124,14 @@ def end_errors(trace: Trace, walked: Walked) -> tuple[Array, Array]:
     length, heading = walked.length[on], walked.heading[on]
     along = np.stack([np.cos(heading), np.sin(heading)])
     aside = np.stack([-along[1], along[0]])
-    went = along @ length
-    error: Array = went - (trace.way[-1, 1:] - trace.way[0, 1:])
-    turned = np.array([-went[1], went[0]])
+    error: Array = along @ length - (trace.way[-1, 1:] - trace.way[0, 1:])
+    scaled = along @ (length * np.sqrt(walked.scale_variance[on]))
+    turned = aside @ (length * np.sqrt(walked.bias_variance[on]))
     own_length = walked.own_length_variance()[on]
     own_heading = walked.own_heading_variance()[on] * length**2
     covariance = (
-        walked.scale_variance * np.outer(went, went)
-        + walked.bias_variance * np.outer(turned, turned)
+        np.outer(scaled, scaled)
+        + np.outer(turned, turned)
         + (along * own_length) @ along.T
         + (aside * own_heading) @ aside.T
         + 2.0 * WAY_POINT_SIGMA**2 * np.eye(2)
@@ -187,16 +187,17 @@ def honesty(traces: Sequence[Trace], walked: Sequence[Walked]) -> dict[str, floa
 def _normal_lengths(trace: Trace, walked: Walked) -> Array:
     on, true = on_legs(trace, walked.t), trace.legs().length
     found = on @ walked.length
-    variance = found**2 * walked.scale_variance + on @ walked.own_length_variance() + 2.0 * WAY_POINT_SIGMA**2
+    scaled = on @ (walked.length * np.sqrt(walked.scale_variance))
+    variance = scaled**2 + on @ walked.own_length_variance() + 2.0 * WAY_POINT_SIGMA**2
     return np.where(true > LEG, (found - true) / np.sqrt(variance), np.nan)
 
 
 def _normal_headings(trace: Trace, walked: Walked) -> Array:
     on, true = on_legs(trace, walked.t, TURN_LATE), trace.legs().length
     steps = np.maximum(on.sum(axis=1), 1)
-    own = on @ walked.own_heading_variance() / steps**2
+    own = on @ walked.own_heading_variance() / steps**2 + (on @ np.sqrt(walked.bias_variance) / steps) ** 2
     truth = 2.0 * (WAY_POINT_SIGMA / np.maximum(true, LEG)) ** 2
-    normal: Array = heading_errors(trace, walked) / np.sqrt(walked.bias_variance + own + truth)
+    normal: Array = heading_errors(trace, walked) / np.sqrt(own + truth)
     return normal
 
 

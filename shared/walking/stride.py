@@ -38,8 +38,9 @@ PER_CADENCE = -0.30
 PER_BOUNCE = 0.35
 """m per (m/s²)^¼."""
 
-STEP_SIGMA = 0.10
-"""Of a step's length against the others of its walk, as a share."""
+STEP_SIGMA = 0.30
+"""Of a step's length against the others of its walk, as a share: by a twelfth of its length a leg of a dozen steps is
+off by itself, missed steps among them, and who adds steps up as if each erred by itself is right about the sum."""
 SCALE_SIGMA = 0.08
 """Of a walk's lengths against the universal model with bounce, as a share; ``UNSEEN_SIGMA`` without."""
 UNSEEN_SIGMA = 0.12

@@ -7,7 +7,7 @@ the turns. Every algorithm is one file with a ``STATE``; the states of one phone
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,7 +144,7 @@ class DeadReckoner:
         bytes_ = np.stack([walk.record for walk in walks if walk.record is not None])
         record = bytes_.view(dtype)[:, 0]
         for name in dtype.names or ():
-            if name != "bias":
+            if name not in ("bias", "iron"):
                 record[name][hops.fresh] = np.zeros((), dtype[name])
         motions = self._reckon(carrying, walks, record, hops)
         for row, walk in zip(bytes_, walks, strict=True):
@@ -169,7 +169,8 @@ class DeadReckoner:
             cadence = _cadence(walked["last_step"], steps)
             bounces = np.where(in_pocket[steps.phone], np.nan, bounce(recent, steps))
             lengths = step_lengths(cadence, bounces, _lines(walks, steps.phone))
-            headings = self._headings(record, recent, steps, in_pocket)
+            iron = self._iron.heading_variance(record["iron"])
+            headings = _more_doubtful(self._headings(record, recent, steps, in_pocket), iron[steps.phone])
             stepped = _Stepped(steps, lengths, _admitted(headings, walked["compass"][steps.phone] < COMPASS_SECONDS))
             _count_walks(walks, walked, steps)
         norm = np.sqrt(np.einsum("pni,pni->pn", hops.acceleration, hops.acceleration))
@@ -272,6 +273,15 @@ def _lines(walks: Sequence[Walk], phone: NDArray[np.int64]) -> StrideLine | None
     nobody = (0.0, 0.0, 0.0)
     lines = [(w.line.slope, w.line.offset, w.line.scale_variance) if w.line else nobody for w in walks]
     return StrideLine(*np.array(lines, float)[phone].T)
+
+
+def _more_doubtful(headings: StepHeadings, variance: Array) -> StepHeadings:
+    """Return headings of m steps with ``variance`` (m,) rad² more of error that the walk has in common."""
+    return replace(
+        headings,
+        variance=np.minimum(headings.variance + variance, UNKNOWN_VARIANCE),
+        bias_variance=np.minimum(headings.bias_variance + variance, UNKNOWN_VARIANCE),
+    )
 
 
 def _admitted(headings: StepHeadings, blind: NDArray[np.bool_]) -> StepHeadings:

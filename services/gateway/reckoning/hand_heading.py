@@ -30,10 +30,11 @@ class HandHeading:
     STATE = np.dtype([("steps", np.int64)])
     UPRIGHT = 0.8
     """Upward part of the phone's top above which it is held upright."""
-    BIAS_VARIANCE = np.radians(10.0) ** 2
-    """rad², of what all steps of a walk have in common: grip and compass. Real traces differ by this much."""
-    STEP_VARIANCE = np.radians(6.0) ** 2
-    """rad², of a step by itself."""
+    BIAS_VARIANCE = np.radians(7.0) ** 2
+    """rad², of what all steps of a walk have in common beside the compass's own doubt: grip, building, map."""
+    STEP_VARIANCE = np.radians(30.0) ** 2
+    """rad², of a step by itself. Neighbouring steps err alike, by 8° for a leg of a dozen: who adds them up as if each
+    erred by itself is right about the sum with this much."""
 
     def advance(self, state: State, recent: Recent, steps: Steps) -> StepHeadings:
         """Return the headings of ``steps``; see ``StepHeading``."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.gateway.reckoning.complementary import trusted_field, turned_since
 from services.gateway.reckoning.hops import Array, Hops, State
@@ -33,9 +34,14 @@ class HardIron:
             ("turned", np.float64, (3, 3)),
             ("field", np.float64, (3,)),
             ("still", np.float64, (3,)),
+            ("before", np.float64, (3,)),
         ]
     )
-    """Rows of R at the end of the last hop, and the decaying sums of 1, R, m and R m."""
+    """Rows of R at the end of the last hop, the decaying sums of 1, R, m and R m, and b as it was before a hole."""
+    SIGMA = 6.0
+    """µT, of each component of what a phone's own calibration leaves."""
+    WEAKEST = 10.0
+    """µT; a weaker horizontal field is taken for this strong."""
     GRAVITY_SHARE = 0.3
     """Of a hop's mean acceleration in the upward row of R."""
 
@@ -47,10 +53,11 @@ class HardIron:
         """Take one hop of each of p phones, change ``state`` (p,) in place and return the hops with b taken away.
 
         Args:
-            state: (p,) of ``STATE``.
+            state: (p,) of ``STATE``; kept where a hop is fresh, since the iron belongs to the phone.
             hops: the samples.
             rate: (p, HOP, 3) rad/s, bias removed.
         """
+        self._begin_anew(state, hops.fresh)
         turned = turned_since(rate)
         use = hops.measured() & trusted_field(hops.field)
         field = np.where(use[..., None], hops.field, 0.0)
@@ -67,13 +74,43 @@ class HardIron:
 
     def iron(self, state: State) -> Array:
         """Return b of each of p phones, (p, 3) µT in the phone's axes; zeros where nothing is known."""
-        # seconds E + turned b = still and turnedᵀ E + (seconds + doubt) b = field; E is eliminated.
-        seconds = np.maximum(state["seconds"], 1e-6)[:, None, None]
-        back = np.swapaxes(state["turned"], 1, 2) / seconds
-        left = (seconds + self._doubt) * np.eye(3) - back @ state["turned"]
-        right = state["field"] - np.einsum("pij,pj->pi", back, state["still"])
-        solved: Array = np.linalg.solve(left, right[..., None])[..., 0]
+        # seconds E + turned b = still and turnedᵀ E + (seconds + doubt) b = field + doubt b_before; E is eliminated.
+        still = np.einsum("pji,pj->pi", state["turned"], state["still"]) / self._seconds(state)[:, None]
+        right = state["field"] + self._doubt * state["before"] - still
+        solved: Array = np.linalg.solve(self._evidence(state), right[..., None])[..., 0]
         return solved
+
+    def heading_variance(self, state: State) -> Array:
+        """Return how far compass headings of p phones may be turned by what is not known of b, (p,) rad²."""
+        iron = self.iron(state)
+        earth = (state["still"] - np.einsum("pij,pj->pi", state["turned"], iron)) / self._seconds(state)[:, None]
+        strength = np.maximum(np.hypot(earth[:, 0], earth[:, 1]), self.WEAKEST)
+        # Only what lies across the horizontal field turns the compass.
+        across = np.stack([-earth[:, 1], earth[:, 0], np.zeros(len(earth))], axis=1)
+        across = np.einsum("pji,pj->pi", state["frame"], _unit(across))
+        unknown = np.linalg.solve(self._evidence(state), across[..., None])[..., 0]
+        variance: Array = self.SIGMA**2 * self._doubt * np.sum(across * unknown, axis=1) / strength**2
+        return variance
+
+    def _evidence(self, state: State) -> Array:
+        """Return how much is known of b, (p, 3, 3) s; ``doubt`` times the identity where nothing is."""
+        turned = state["turned"]
+        of_earth = np.swapaxes(turned, 1, 2) @ turned / self._seconds(state)[:, None, None]
+        evidence: Array = (state["seconds"][:, None, None] + self._doubt) * np.eye(3) - of_earth
+        return evidence
+
+    @staticmethod
+    def _seconds(state: State) -> Array:
+        seconds: Array = np.maximum(state["seconds"], 1e-6)
+        return seconds
+
+    def _begin_anew(self, state: State, fresh: NDArray[np.bool_]) -> None:
+        """Forget where the phone was turned to, not its iron."""
+        if fresh.any():
+            iron = self.iron(state[fresh])
+            anew = np.zeros(int(fresh.sum()), self.STATE)
+            anew["before"] = iron
+            state[fresh] = anew
 
     def _levelled(self, frame: Array, upward: Array) -> Array:
         """Return ``frame`` (p, 3, 3) with its third row drawn towards ``upward`` (p, 3), orthonormal."""
