@@ -163,9 +163,9 @@ class DeadReckoner:
         walked["compass"] += trusted_field(hops.field).sum(axis=1) / RATE
         in_pocket = np.full(len(walks), carrying in ("pocket", "bag"))
         if carrying == "unknown":
-            in_pocket = self._carrying.advance(record["carrying"], rate, steps.walking)
+            in_pocket = self._carrying.advance(record["carrying"], rate, attitude, steps.walking)
         stepped = _Stepped.none()
-        if len(steps.phone):
+        if len(steps.phone) or steps.walking.any():
             cadence = _cadence(walked["last_step"], steps)
             bounces = np.where(in_pocket[steps.phone], np.nan, bounce(recent, steps))
             lengths = step_lengths(cadence, bounces, _lines(walks, steps.phone))
@@ -178,13 +178,13 @@ class DeadReckoner:
         return self._motions(walks, hops, moves, norm.std(axis=1) < STILL_SIGMA, stepped, turns)
 
     def _headings(self, record: State, recent: Recent, steps: Steps, in_pocket: NDArray[np.bool_]) -> StepHeadings:
-        pocket = in_pocket[steps.phone]
-        if not pocket.any():
+        if not in_pocket.any():
             return self._hand.advance(record["hand"], recent, steps)
-        if pocket.all():
+        if in_pocket.all():
             return self._pocket.advance(record["pocket"], recent, steps)
-        held = self._hand.advance(record["hand"], recent, _of(steps, ~pocket))
-        swung = self._pocket.advance(record["pocket"], recent, _of(steps, pocket))
+        held = self._hand.advance(record["hand"], recent, _of(steps, ~in_pocket))
+        swung = self._pocket.advance(record["pocket"], recent, _of(steps, in_pocket))
+        pocket = in_pocket[steps.phone]
         order = np.argsort(np.concatenate([np.flatnonzero(~pocket), np.flatnonzero(pocket)]))
         names = StepHeadings.__dataclass_fields__
         return StepHeadings(*(np.concatenate([getattr(held, n), getattr(swung, n)])[order] for n in names))
@@ -250,8 +250,10 @@ class _Stepped:
         return cls(steps, StepLengths(empty, empty, empty), StepHeadings(empty, empty, empty, empty, empty))
 
 
-def _of(steps: Steps, which: NDArray[np.bool_]) -> Steps:
-    return Steps(steps.phone[which], steps.t[which], steps.walking, steps.period)
+def _of(steps: Steps, phones: NDArray[np.bool_]) -> Steps:
+    """Return the steps of the phones marked in (p,)."""
+    which = phones[steps.phone]
+    return Steps(steps.phone[which], steps.t[which], steps.walking & phones, steps.period)
 
 
 def _cadence(last_step: Array, steps: Steps) -> Array:
