@@ -17,18 +17,24 @@ def _program(name: str) -> str:
 
 
 class Mosquitto:
-    """A broker that lets in whoever knows the password; its files lie in ``folder``."""
+    """A broker that lets in whoever knows the password; its files lie in ``folder``.
+
+    With a certificate it speaks TLS; the key is ``key.pem`` beside it.
+    """
 
     USER, PASSWORD = "atrium", "a-password-of-tests"
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, certificate: Path | None = None) -> None:
         self.port = unused_port()
-        self.url = f"mqtt://{self.USER}:{self.PASSWORD}@127.0.0.1:{self.port}"
+        scheme = "mqtt" if certificate is None else "mqtts"
+        self.url = f"{scheme}://{self.USER}:{self.PASSWORD}@127.0.0.1:{self.port}"
         passwords = folder / "passwords"
         passwords.write_text(f"{self.USER}:{self.PASSWORD}\n")
         passwords.chmod(0o600)
         subprocess.run([_program("mosquitto_passwd"), "-U", str(passwords)], check=True)
         lines = [f"listener {self.port} 127.0.0.1", "allow_anonymous false", f"password_file {passwords}"]
+        if certificate is not None:
+            lines += [f"certfile {certificate}", f"keyfile {certificate.with_name('key.pem')}"]
         if passwords.owner() == "root":
             lines.append("user root")
         settings = folder / "mosquitto.conf"

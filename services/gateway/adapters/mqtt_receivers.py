@@ -30,6 +30,7 @@ from services.gateway.phones.heard import Heard
 __all__ = ["MqttReceivers"]
 
 MESSAGES = Counter("atrium_gateway_mqtt_messages_total", "Messages of receivers over MQTT", ["result"])
+ATTEMPTS = Counter("atrium_gateway_mqtt_connections_total", "Attempts to connect to the MQTT broker", ["result"])
 CONNECTED = Gauge("atrium_gateway_mqtt_connected", "1 while the MQTT broker is connected")
 LARGEST = 65_536
 """Bytes; the broker is asked to send no larger packet."""
@@ -56,6 +57,7 @@ class MqttReceivers:
         self._told = False
         client = mqtt.Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv5)
         client.on_connect = self._on_connect
+        client.on_connect_fail = self._on_connect_fail
         client.on_disconnect = self._on_disconnect
         client.on_message = self._on_message
         client.reconnect_delay_set(*RETRY)
@@ -84,14 +86,23 @@ class MqttReceivers:
 
     def _on_connect(self, client: mqtt.Client, _data: Any, _flags: Any, reason: ReasonCode, _properties: Any) -> None:
         if reason.is_failure:
+            ATTEMPTS.labels("refused").inc()
             if not self._told:
                 log.error("the MQTT broker refuses the gateway", broker=self._broker.host, reason=str(reason))
             self._told = True
             return
+        ATTEMPTS.labels("connected").inc()
         self._told = False
         CONNECTED.set(1)
         log.info("MQTT broker connected", broker=self._broker.host, topics=self._topics)
         client.subscribe([(topic, SubscribeOptions(qos=0, retainHandling=2)) for topic in self._topics])
+
+    def _on_connect_fail(self, _client: Any, _data: Any) -> None:
+        ATTEMPTS.labels("failed").inc()
+        if not self._told:
+            self._told = True
+            broker = f"{self._broker.host}:{self._broker.port}"
+            log.warning("MQTT broker not reached, or its certificate not trusted; trying again", broker=broker)
 
     def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: ReasonCode, _properties: Any) -> None:
         CONNECTED.set(0)
