@@ -137,7 +137,9 @@ class FusionService(Service[FusionSettings]):
 
     def _take(self, delivery: Delivery[Message]) -> None:
         message, trace = delivery.message, delivery.trace
-        if isinstance(message, DetectionFrame):
+        if isinstance(message, RadioScan | MotionBatch) and message.late:
+            self._drop("phone's data marked late")
+        elif isinstance(message, DetectionFrame):
             if message.camera not in self._cameras:
                 self._drop("camera of another area")
                 return

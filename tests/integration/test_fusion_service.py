@@ -323,6 +323,7 @@ def test_what_is_dropped_is_counted_by_reason(zenoh_router: str, start: Start) -
             "time went backwards",
             "detection off the floor or without an extent",
             "radio without a known access point",
+            "phone's data marked late",
         )
 
         def counted() -> bool:
@@ -331,6 +332,7 @@ def test_what_is_dropped_is_counted_by_reason(zenoh_router: str, start: Start) -
             number = next(stage._number)
             t = stage.t0 + number / 10
             radio.publish(RadioScan(t=t - 0.05, device="phone", seq=number, access_point=["stranger"], rssi=[-50.0]))
+            radio.publish(RadioScan(t=t, device="phone", seq=number, access_point=["ap"], rssi=[-50.0], late=True))
             for name, publisher in (("west", west), ("east", east)):
                 publisher.publish(frame(t, [(6.0, 7.0), (999.0, 7.0)], name, number))
             text = get(port, "/metrics")[1]
