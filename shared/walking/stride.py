@@ -17,7 +17,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BOUNCE_WINDOW", "CADENCES", "USUAL_CADENCE", "StepLengths", "StrideLine", "by_height", "step_lengths"]
+__all__ = [
+    "BELIEF",
+    "BOUNCE_WINDOW",
+    "CADENCES",
+    "USUAL_CADENCE",
+    "StepLengths",
+    "StrideLine",
+    "by_height",
+    "step_lengths",
+]
 
 Array = NDArray[np.float64]
 
@@ -32,10 +41,13 @@ LENGTHS = (0.3, 1.3)
 HEIGHT = 1.72
 """m, of people of whom nothing is known."""
 
-USUAL_LENGTH, USUAL_BOUNCE = 0.678, 8.0
-PER_CADENCE = -0.30
+USUAL_LENGTH, USUAL_BOUNCE = 0.693, 8.0
+"""m, and m/s²."""
+BELIEF = 0.75
+"""Of what the traces say of the two slopes below."""
+PER_CADENCE = -0.265
 """m per step/s at the same bounce."""
-PER_BOUNCE = 0.35
+PER_BOUNCE = 0.357
 """m per (m/s²)^¼."""
 
 STEP_SIGMA = 0.30
