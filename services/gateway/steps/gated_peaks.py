@@ -109,7 +109,7 @@ class GatedPeaks:
         silent = now - state["last_peak"] > self.silence
         walking = starts | (walked & ~silent & (irregular < self.stop_after))
         tells = np.where(starts, run, np.where(walked & regular, state["count"], 0))
-        state["count"] = np.where((tells > 0) | (walked & ~walking), 0, state["count"])
+        state["count"] = np.where(tells > 0, 0, state["count"])
         state["period"] = np.where(walking, np.where(regular | starts, period, state["period"]), 0.0)
         state["walking"] = walking
         state["irregular"] = irregular

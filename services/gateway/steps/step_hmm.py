@@ -44,15 +44,16 @@ class StepModel:
             total = forward.sum(axis=1, keepdims=True)
             log += np.log(total[:, 0])
             forward = (forward / total) @ self.transition * self.emission[:, words[:, place]].T
-        return log + np.log(forward.sum(axis=1))
+        log += np.log(forward.sum(axis=1))
+        return log
 
 
 @cache
 def shipped_model() -> StepModel:
     """Return the model trained on all recordings of the Oxford step counter data set (CC BY 4.0)."""
     values = json.loads(_SHIPPED.read_text(encoding="utf-8"))
-    arrays = (np.array(values[name]) for name in ("start", "transition", "emission"))
-    return StepModel(*arrays, threshold=float(values["threshold"]))
+    start, transition, emission = (np.array(values[name]) for name in ("start", "transition", "emission"))
+    return StepModel(start, transition, emission, float(values["threshold"]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -139,4 +139,5 @@ def _words(
     mean = (sums[rows, end[:, None]] - sums[rows, begin[:, None]]) / size
     power = (squares[rows, end[:, None]] - squares[rows, begin[:, None]]) / size
     scaled = (means - mean) / np.sqrt(np.maximum(power - mean**2, 1e-6))
-    return np.searchsorted(_BREAKS, scaled).astype(np.int64)
+    word: NDArray[np.int64] = np.searchsorted(_BREAKS, scaled).astype(np.int64)
+    return word

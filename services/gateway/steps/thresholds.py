@@ -44,8 +44,8 @@ class PersonalThresholds:
         rho: the same.
     """
 
-    delta: float = 10.8
-    rho: float = 10.5
+    delta: float = 10.5
+    rho: float = 10.1
 
     STATE = np.dtype(
         [
