@@ -72,10 +72,10 @@ class Recording:
         return float(max(0.0, self.steps[0] - self.t) + max(0.0, self.end - self.steps[-1]))
 
 
-def read_recordings(data: Path | None = None) -> list[Recording]:
-    """Return all recordings, by name."""
+def read_recordings(data: Path | None = None, names: Sequence[str] | None = None) -> list[Recording]:
+    """Return the recordings called ``names``, by default all, in order of their names."""
     folder = (data or data_folder()) / "step-counter" / "optimisation" / "data"
-    return [_read(path) for path in sorted(folder.iterdir()) if path.is_dir()]
+    return [_read(path) for path in sorted(folder.iterdir()) if path.is_dir() and (names is None or path.name in names)]
 
 
 def hops_of(recordings: Sequence[Recording]) -> Iterator[Hops]:

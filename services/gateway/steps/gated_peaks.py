@@ -60,13 +60,13 @@ class GatedPeaks:
     """
 
     lowest: float = 0.4
-    over_rms: float = 0.4
+    over_rms: float = 0.3
     over_walk: float = 0.4
     refractory: float = 0.28
     refractory_share: float = 0.6
     start_peaks: int = 5
     start_correlation: float = 0.75
-    regular: float = 0.3
+    regular: float = 0.25
     quick_peaks: int = 3
     quick_correlation: float = 0.85
     quick_regular: float = 0.15
