@@ -22,7 +22,7 @@ from services.simulator.phones.carrying import Carrying, CarryingParameters
 from services.simulator.phones.gait import PhoneSensors, SensorParameters
 from services.simulator.seeds import generator
 
-__all__ = ["GARDEN", "PARK", "Walk", "hops_of", "replay", "swinging_thigh", "twin_walk", "yaw_error"]
+__all__ = ["GARDEN", "PARK", "Walk", "hops_of", "replay", "rested", "swinging_thigh", "twin_walk", "yaw_error"]
 
 Array = NDArray[np.float64]
 
@@ -192,6 +192,32 @@ def twin_walk(
         walked=walked,
         steps=samples.steps.t,
         offset=samples.carried.offset,
+    )
+
+
+def rested(walk: Walk, rng: np.random.Generator, seconds: float, noise: tuple[float, float] = (0.08, 0.008)) -> Walk:
+    """Return the walk after the phone has lain still as at its beginning, as in a trial phase: its gyroscope is off by
+    as much as in the walk.
+
+    Args:
+        walk: what follows.
+        rng: of the noise.
+        seconds: how long it lies.
+        noise: of accelerometer and gyroscope, m/s² and rad/s.
+    """
+    n = round(seconds * RATE)
+    turned = Rotation.from_matrix(walk.truth)
+    bias = np.mean(walk.rate[1:] - (turned[:-1].inv() * turned[1:]).as_rotvec() * RATE, axis=0)
+    return Walk(
+        acceleration=np.concatenate([9.81 * walk.truth[0, 2] + rng.normal(0.0, noise[0], (n, 3)), walk.acceleration]),
+        rate=np.concatenate([bias + rng.normal(0.0, noise[1], (n, 3)), walk.rate]),
+        field=np.concatenate([np.repeat(walk.field[:1], n, axis=0), walk.field]),
+        truth=np.concatenate([np.repeat(walk.truth[:1], n, axis=0), walk.truth]),
+        attitude=np.concatenate([np.repeat(walk.attitude[:1], n, axis=0), walk.attitude]),
+        heading=np.concatenate([np.full(n, walk.heading[0]), walk.heading]),
+        walked=np.concatenate([np.zeros(n), walk.walked]),
+        steps=walk.steps + seconds,
+        offset=np.concatenate([np.full(n, walk.offset[0]), walk.offset]),
     )
 
 

@@ -1,8 +1,11 @@
 """How well is the heading of a walker told by a phone in the trouser pocket, beside five other ways to tell it?
 
-Three chains: as the gateway ships it (gyro bias, complementary filter, gated peaks) on the twin's gait; the same walks
-with true steps and an attitude that is off by a slowly varying 3 degrees; and the minimal swinging thigh of the method
-sheet, which shares no code with the twin, with true steps and the same attitude error.
+Three chains: as the gateway ships it (gyro bias, hard iron, complementary filter, gated peaks) on the twin's gait; the
+same walks with true steps and an attitude that is off by a slowly varying 3 degrees; and the minimal swinging thigh of
+the method sheet, which shares no code with the twin, with true steps and the same attitude error.
+
+The phone lies still for ten seconds before it is put into the pocket, for a gyroscope's bias is told at rest; what
+becomes of a phone that never rests is measured too.
 """
 
 from __future__ import annotations
@@ -16,9 +19,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from benchmarks.baselines.pocket_rivals import RIVALS, rival_headings
-from benchmarks.gait_walks import GARDEN, PARK, Walk, hops_of, replay, swinging_thigh, twin_walk
+from benchmarks.gait_walks import GARDEN, PARK, Walk, hops_of, replay, rested, swinging_thigh, twin_walk
 from services.gateway.reckoning.complementary import ComplementaryFilter
 from services.gateway.reckoning.gyro_bias import GyroBias
+from services.gateway.reckoning.hard_iron import HardIron
 from services.gateway.reckoning.hops import HOP, RATE
 from services.gateway.reckoning.pocket_heading import PocketHeading, principal_axis, swing_asymmetry
 from services.gateway.steps.gated_peaks import GatedPeaks
@@ -28,8 +32,10 @@ __all__ = ["Told", "draw", "headings", "measure", "shipped", "tell"]
 Array = NDArray[np.float64]
 
 METHODS = ("pocket", *RIVALS)
-SETTLES = 10.0
-"""Seconds at the beginning that are not scored: filter and detector begin."""
+RESTS = 10.0
+"""Seconds that the phone lies still before the walk."""
+SETTLES = 20.0
+"""Seconds at the beginning that are not scored: rest, and filter and detector begin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +67,15 @@ class Told:
 
 def shipped(walks: Sequence[Walk]) -> tuple[list[Walk], list[Array]]:
     """Return the walks with the attitude that the gateway makes out, and the steps that it finds, s."""
-    bias, attitude, detector = GyroBias(), ComplementaryFilter(), GatedPeaks()
-    states = [np.zeros(len(walks), part.STATE) for part in (bias, attitude, detector)]
+    bias, iron, attitude, detector = GyroBias(), HardIron(), ComplementaryFilter(), GatedPeaks()
+    states = [np.zeros(len(walks), part.STATE) for part in (bias, iron, attitude, detector)]
     turned, rates, phones, times = [], [], [], []
-    for hops in hops_of(walks):
-        rate = bias.advance(states[0], hops)
-        turned.append(attitude.advance(states[1], hops, rate))
+    for raw in hops_of(walks):
+        rate = bias.advance(states[0], raw)
+        hops = iron.advance(states[1], raw, rate)
+        turned.append(attitude.advance(states[2], hops, rate))
         rates.append(rate)
-        steps = detector.advance(states[2], hops)
+        steps = detector.advance(states[3], hops)
         phones.append(steps.phone)
         times.append(steps.t)
     whole, unbiased = np.concatenate(turned, axis=1), np.concatenate(rates, axis=1)
@@ -130,7 +137,8 @@ def sign_cues(walk: Walk) -> NDArray[np.bool_]:
 
 def measure(seed: int, walkers: int = 8) -> dict[str, float]:
     """Return the figures of ``walkers`` walks on the twin (park and garden by turns) and as many swinging thighs."""
-    twin = _twin(seed, walkers)
+    walks = _twin(seed, walkers)
+    twin = [rested(walk, np.random.default_rng([seed, row]), RESTS) for row, walk in enumerate(walks)]
     thighs = [swinging_thigh(np.random.default_rng([seed, number])) for number in range(walkers)]
     told = tell(*shipped(twin))
     figures = {"pocket_steps": float(sum(len(each.t) for each in told))}
@@ -147,15 +155,17 @@ def measure(seed: int, walkers: int = 8) -> dict[str, float]:
     figures["pocket_normalised_error"] = float(np.mean(squares))
     figures["pocket_flipped"] = float(np.mean(np.abs(np.concatenate([e.error("pocket") for e in told])) > np.pi / 2))
     figures["pocket_sign_right"] = float(np.mean(np.concatenate([sign_cues(walk) for walk in twin])))
-    for label, walks in (("pocket_known_steps", twin), ("thigh", thighs)):
-        for name, errors in _errors(tell(walks, [walk.steps for walk in walks])).items():
-            figures[f"{label}_{name}_heading_deg"] = errors
+    figures["pocket_never_at_rest_heading_deg"] = _medians(tell(*shipped(walks)))["pocket"]
+    for label, group in (("known_steps", twin), ("thigh", thighs)):
+        for name, median in _medians(tell(group, [walk.steps for walk in group])).items():
+            figures[f"{label}_{name}_heading_deg"] = median
     return figures
 
 
 def draw(seed: int, path: Path, walkers: int = 8) -> None:
     """Draw the distribution of the heading error by method, and one walk's headings."""
-    told = tell(*shipped(_twin(seed, walkers)))
+    twin = [rested(walk, np.random.default_rng([seed, row]), RESTS) for row, walk in enumerate(_twin(seed, walkers))]
+    told = tell(*shipped(twin))
     figure = Figure((11.0, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2)
     for name in METHODS:
@@ -176,7 +186,7 @@ def _twin(seed: int, walkers: int) -> list[Walk]:
     return [twin_walk(1000 * seed + number, GARDEN if number % 2 else PARK) for number in range(walkers)]
 
 
-def _errors(told: Sequence[Told]) -> dict[str, float]:
+def _medians(told: Sequence[Told]) -> dict[str, float]:
     return {
         name: float(np.median(np.degrees(np.abs(np.concatenate([each.error(name) for each in told])))))
         for name in METHODS

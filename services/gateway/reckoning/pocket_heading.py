@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from services.gateway.reckoning.hops import Array, State
 from services.gateway.reckoning.recent import Recent
 from services.gateway.reckoning.step_heading import UNKNOWN_VARIANCE, StepHeadings
-from services.gateway.reckoning.strides import FOOTFALLS, SAMPLES, Strides, gather, rank, strides
+from services.gateway.reckoning.strides import FOOTFALLS, SAMPLES, gather, rank, strides
 from services.gateway.steps.detector import Steps
 
 __all__ = ["PocketHeading", "principal_axis", "principal_harmonic", "swing_asymmetry"]
@@ -62,14 +62,14 @@ class PocketHeading:
     def advance(self, state: State, recent: Recent, steps: Steps) -> StepHeadings:
         """Return the headings of ``steps`` and change ``state`` (p,) of ``STATE`` in place."""
         found = strides(state["footfalls"], recent, steps)
-        attitude = gather(recent.attitude, recent, steps.phone, found)
-        line = principal_axis(
-            np.einsum("mnij,mnj->mni", attitude[:, :, :2], principal_harmonic(_acceleration(recent, steps, found)))
+        acceleration, rate, attitude = (
+            gather(values, recent, steps.phone, found)
+            for values in (recent.acceleration, recent.rate, recent.attitude[:, :, :2])  # horizontal rows are enough
         )
-        rate = np.einsum("mnij,mnj->mni", attitude[:, :, :2], gather(recent.rate, recent, steps.phone, found))
-        cue = np.einsum("mi,mi->m", swing_asymmetry(rate), line)
+        line = principal_axis(np.einsum("mnij,mnj->mni", attitude, principal_harmonic(acceleration)))
+        cue = np.einsum("mi,mi->m", swing_asymmetry(np.einsum("mnij,mnj->mni", attitude, rate)), line)
         turned = attitude[:, SAMPLES // 2 :].mean(axis=1)  # the step itself, the stride's second half
-        body = np.einsum("mji,mj->mi", attitude[:, :, :2].mean(axis=1), line)
+        body = np.einsum("mji,mj->mi", attitude.mean(axis=1), line)
         place = rank(steps)
         ahead, variance, odds = np.zeros((len(line), 2)), np.empty(len(line)), np.zeros(len(line))
         for count in range(int(place.max(initial=-1)) + 1):
@@ -77,7 +77,7 @@ class PocketHeading:
             phone = steps.phone[row]
             use = row[found.known[row]]
             self._learn(state, steps.phone[use], body[use], cue[use])
-            ahead[row] = np.einsum("mij,mj->mi", turned[row, :2], state["ahead"][phone])
+            ahead[row] = np.einsum("mij,mj->mi", turned[row], state["ahead"][phone])
             variance[row] = self._variance(state["weight"][phone], state["spread"][phone])
             odds[row] = np.minimum(self.LOG_ODDS * state["evidence"][phone], self.ODDS_LIMIT)
         heading = np.arctan2(ahead[:, 0], ahead[:, 1])
@@ -139,10 +139,6 @@ def swing_asymmetry(rate: Array) -> Array:
     power = np.sum(rate**2, axis=2)
     skew = np.mean(rate * power[:, :, None], axis=1) / np.maximum(power.mean(axis=1), 1e-6)[:, None] ** 1.5
     return np.column_stack([-skew[:, 1], skew[:, 0]])
-
-
-def _acceleration(recent: Recent, steps: Steps, found: Strides) -> Array:
-    return gather(recent.acceleration, recent, steps.phone, found)
 
 
 def _wrap(angle: Array) -> Array:

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.gateway.reckoning.hops import RATE, Array, State
-from services.gateway.reckoning.recent import KEPT, Recent
+from services.gateway.reckoning.recent import KEPT, Recent, Single
 from services.gateway.steps.detector import Steps
 
 __all__ = ["FOOTFALLS", "SAMPLES", "Strides", "gather", "rank", "strides"]
 
 FOOTFALLS = np.dtype([("count", np.int64), ("t", np.float64, (2,))])
 """How many footfalls there were of one phone, and the times of the last two, s."""
-SAMPLES = 64
+SAMPLES = 32
 """Evenly spaced samples to which a stride is brought, so that its harmonics are whole bins of a DFT."""
 SHORTEST, LONGEST = 0.6, 2.4
 """Seconds of a stride; two footfalls further apart are no stride."""
@@ -65,16 +65,16 @@ def strides(footfalls: State, recent: Recent, steps: Steps) -> Strides:
     return Strides(begin, t, _is_stride(t - begin) & (begin >= oldest - 0.5 / RATE))
 
 
-def gather(values: NDArray[np.float32], recent: Recent, phone: NDArray[np.int64], found: Strides) -> Array:
+def gather(values: Single, recent: Recent, phone: NDArray[np.int64], found: Strides) -> Array:
     """Return ``values`` (p, KEPT, ...) of ``recent`` during m strides, interpolated: (m, SAMPLES, ...)."""
     share = np.arange(SAMPLES) / SAMPLES
     t = found.begin[:, None] + (found.end - found.begin)[:, None] * share
     place = np.clip(KEPT - 1 - (recent.t[phone, None] - t) * RATE, 0.0, KEPT - 1.001)
     low = place.astype(np.int64)
-    part = (place - low).reshape(*place.shape, *[1] * (values.ndim - 2))
+    part = (place - low).astype(np.float32).reshape(*place.shape, *[1] * (values.ndim - 2))
     at = phone[:, None]
-    between: Array = (1.0 - part) * values[at, low] + part * values[at, low + 1]
-    return between
+    before = values[at, low]
+    return (before + part * (values[at, low + 1] - before)).astype(np.float64)
 
 
 def _is_stride(seconds: Array) -> NDArray[np.bool_]:
