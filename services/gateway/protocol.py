@@ -276,7 +276,7 @@ class TrialWalk(msgspec.Struct, frozen=True, kw_only=True):
     distance: float | None = None
     """Metres walked."""
     steps: int | None = None
-    """Counted by the walker; needed for the first walk."""
+    """Counted by the walker, at most 19; needed for the first walk."""
 
 
 class TrialWalks(msgspec.Struct, frozen=True, kw_only=True):
@@ -300,9 +300,9 @@ class TrialWalksReply(msgspec.Struct, frozen=True, kw_only=True):
     """Reply 200 to trial walks: what is used for this phone from now on."""
 
     peak: float
-    """Step threshold: a step's peak exceeds it, m/s²."""
+    """Step threshold: what the acceleration's norm exceeds at a step, m/s²."""
     mean: float
-    """Step threshold: the mean between steps, m/s²."""
+    """Step threshold: what its mean around a step exceeds, m/s²."""
     slope: float | None
     """``length = slope x cadence + offset``; null with one walk only. m per step/s."""
     offset: float | None

@@ -15,7 +15,6 @@ import pytest
 from gateway_process import KEY, STAFF, Listener, Phone, Running, finish, is_ready, launch, problem, running_gateway
 from waiting import wait_until
 
-from services.gateway.settings import GatewaySettings
 from shared.bus import router
 from shared.messages import TrackFrame
 
@@ -363,9 +362,5 @@ def test_outside_the_demo_a_missing_schema_or_a_default_key_stops_the_start(tmp_
     own = {"ATRIUM_TOKEN_KEY": "a key for the tokens of these tests", "ATRIUM_ADDRESS_KEY": "a key for addresses"}
     missing = launch(zenoh_router, tmp_path, ATRIUM_PROFILE="production", **own)
     assert missing.process.wait(20) == 1
-    for name in ("ATRIUM_ENROLMENT_KEY", "ATRIUM_TOKEN_KEY", "ATRIUM_ADDRESS_KEY"):
-        field = GatewaySettings.model_fields[name.removeprefix("ATRIUM_").lower()]
-        default = launch(
-            zenoh_router, tmp_path, ATRIUM_PROFILE="production", **(own | {name: field.default.get_secret_value()})
-        )
-        assert default.process.wait(20) == 2
+    default = launch(zenoh_router, tmp_path, ATRIUM_PROFILE="production", ATRIUM_ENROLMENT_KEY="demo-enrolment-key")
+    assert default.process.wait(20) == 2

@@ -16,6 +16,7 @@ from websockets.sync.client import connect
 from services.gateway.settings import GatewaySettings
 from shared.http_server import Tls, serve
 from shared.runner import ServiceError
+from shared.settings import SettingsError, read_settings
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +76,16 @@ def test_outside_the_demo_plain_http_stays_on_this_machine() -> None:
         settings(**allowed)
     with pytest.raises(ValidationError, match="both are needed"):
         settings(tls_certificate="a.pem", tls_key="")
+
+
+@pytest.mark.parametrize("name", ["enrolment_key", "token_key", "address_key"])
+def test_outside_the_demo_no_secret_keeps_its_default(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ATRIUM_SITE_FILE", "site.yaml")
+    for secret in {"enrolment_key", "token_key", "address_key"} - {name}:
+        monkeypatch.setenv(f"ATRIUM_{secret.upper()}", f"a secret of this museum for {secret}")
+    with pytest.raises(SettingsError, match=f"{name}: the default secret is for the demo only"):
+        read_settings(GatewaySettings, [])
+    assert read_settings(GatewaySettings, ["--profile", "demo"]).profile == "demo"
 
 
 def test_token_keys_are_long_and_the_demos_is_none_of_several_outside_the_demo() -> None:

@@ -32,12 +32,15 @@ class Walker:
     """What trial walks told of how somebody walks; None where they told nothing."""
 
     peak: float | None = None
-    """Step threshold, m/s² beyond gravity; see ``services.gateway.steps``."""
+    """Step threshold δ, m/s²; see ``services.gateway.steps.thresholds``."""
     mean: float | None = None
+    """Step threshold ρ, m/s²."""
     slope: float | None = None
-    """m per step/s: ``length = slope · cadence + offset``."""
+    """m per step/s: ``length = slope x cadence + offset``."""
     offset: float | None = None
     """m."""
+    scale_variance: float | None = None
+    """Of the factor by which this line may be wrong for this person."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,6 +200,7 @@ class DeviceStore:
                     mean=walker.mean,
                     slope=walker.slope,
                     offset=walker.offset,
+                    scale_variance=walker.scale_variance,
                     created=now,
                 )
             )
@@ -228,7 +232,7 @@ def _token_row(device: str, token: StoredToken) -> TokenRow:
 
 
 def _walker(row: WalkerRow | None) -> Walker | None:
-    return None if row is None else Walker(row.peak, row.mean, row.slope, row.offset)
+    return None if row is None else Walker(row.peak, row.mean, row.slope, row.offset, row.scale_variance)
 
 
 def _add_transmitters(session: Session, device: str, addresses: tuple[str, ...], address_key: str) -> None:

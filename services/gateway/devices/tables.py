@@ -71,6 +71,7 @@ class WalkerRow(Base):
     mean: Mapped[float | None] = mapped_column(Float(53))
     slope: Mapped[float | None] = mapped_column(Float(53))
     offset: Mapped[float | None] = mapped_column(Float(53))
+    scale_variance: Mapped[float | None] = mapped_column(Float(53))
     created: Mapped[float] = mapped_column(Float(53))
 
 

@@ -45,8 +45,6 @@ FORGOTTEN_KEPT = 100_000
 """Forgotten devices remembered: far more than can have a batch on its way at once."""
 MODELS_KEPT = 100_000
 """Personal stride models remembered."""
-TWO_WALKS_VARIANCE = 0.04**2
-"""Of the scale of a line from two trial walks: mostly that nobody walks alike when it is measured."""
 
 log = structlog.get_logger(__name__)
 
@@ -246,8 +244,8 @@ class PhoneBook:
         model, walker = self._models.get(entry.phone.device), entry.walker
         if model is not None:
             return _line(model.slope, model.offset, model.scale_variance)
-        if walker is not None and walker.slope is not None and walker.offset is not None:
-            return _line(walker.slope, walker.offset, TWO_WALKS_VARIANCE)
+        if walker is not None and walker.slope is not None:
+            return _line(walker.slope, walker.offset or 0.0, walker.scale_variance or 0.0)
         return None
 
     def _look_after(self) -> None:

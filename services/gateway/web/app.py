@@ -21,6 +21,7 @@ from services.gateway.web.replies import report_errors
 from services.gateway.web.schemas import BODIES, schema_routes
 from services.gateway.web.stream import Streams
 from services.gateway.web.tokens import token_routes
+from services.gateway.web.trial_walks import trial_walk_routes
 from services.gateway.web.who_asks import WhoAsks
 
 __all__ = ["create_app"]
@@ -55,6 +56,7 @@ def create_app(gateway: Gateway) -> FastAPI:
         enrolment_routes(gateway, signer),
         own_data_routes(gateway, who_asks, streams),
         token_routes(gateway, who_asks, signer, streams),
+        trial_walk_routes(gateway, who_asks),
         adapter_routes(gateway, who_asks, intake),
         schema_routes(),
     ):

@@ -92,6 +92,37 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
             "ignored": {},
         }
     },
+    protocol.TrialWalks: {
+        "shortened: a walk has some hundred samples": {
+            "walks": [
+                {
+                    "distance": 9.2,
+                    "steps": 13,
+                    "imu": {
+                        "t": [1767225600.96, 1767225600.98],
+                        "ax": [0.1, 0.2],
+                        "ay": [0.3, 0.1],
+                        "az": [9.8, 9.9],
+                        "gx": [0, 0],
+                        "gy": [0, 0],
+                        "gz": [0.01, 0.01],
+                    },
+                }
+            ]
+        }
+    },
+    protocol.TrialWalksReply: {
+        "of two walks": {
+            "peak": 11.9,
+            "mean": 10.6,
+            "slope": 0.41,
+            "offset": 0.01,
+            "walks": [
+                {"steps": 14, "cadence": 1.56, "step_length": 0.66},
+                {"steps": 17, "cadence": 1.89, "step_length": 0.8},
+            ],
+        }
+    },
     protocol.Position: {
         "in a zone": {
             "t": 1767225602.4,

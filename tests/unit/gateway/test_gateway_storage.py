@@ -69,9 +69,9 @@ def test_how_a_phone_is_carried_and_how_its_carrier_walks_come_with_its_token(ur
     store.carry(device.id, "bag")
     assert store.by_token(token.id) == Registered(device.id, "bag")
     store.keep_walker(device.id, Walker(peak=1.5, mean=0.8), 101.0)
-    store.keep_walker(device.id, Walker(peak=1.4, mean=0.7, slope=0.4, offset=0.1), 102.0)
+    store.keep_walker(device.id, Walker(peak=12.9, mean=12.5, slope=0.4, offset=0.1, scale_variance=0.01), 102.0)
     found = DeviceStore(open_engine(url)).by_token(token.id)  # after a restart
-    assert found == Registered(device.id, "bag", Walker(1.4, 0.7, 0.4, 0.1))
+    assert found == Registered(device.id, "bag", Walker(12.9, 12.5, 0.4, 0.1, 0.01))
 
 
 def test_the_database_holds_consent_and_no_token(url: str, tmp_path: Path) -> None:

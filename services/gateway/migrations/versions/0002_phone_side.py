@@ -37,6 +37,7 @@ def upgrade() -> None:
         sa.Column("mean", sa.Float(53), nullable=True),
         sa.Column("slope", sa.Float(53), nullable=True),
         sa.Column("offset", sa.Float(53), nullable=True),
+        sa.Column("scale_variance", sa.Float(53), nullable=True),
         sa.Column("created", sa.Float(53), nullable=False),
     )
     op.create_table(
