@@ -87,6 +87,7 @@ class ComplementaryFilter:
         turned = turned_since(rate)
         measured = hops.measured()
         down_to_earth = np.einsum("pnij,pnj->pni", turned, hops.acceleration) / GRAVITY
+        state["up"][~state["up"].any(axis=1)] = [0.0, 0.0, 1e-6]  # a phone that falls must be turned some way too
         up = _blend(state["up"], down_to_earth, measured, self._level)
         vertical = _unit(up)
         _seed(state["north"], vertical[:, 0])

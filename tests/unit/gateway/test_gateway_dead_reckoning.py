@@ -1,92 +1,232 @@
-"""From samples to steps on the plan, as a whole."""
+"""From samples to steps on the plan, as a whole, of one phone and of many."""
 
+import dataclasses
 import itertools
 import math
+import pickle
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from services.gateway.reckoning.dead_reckoning import DeadReckoner, InertialSamples, Motion
-from services.gateway.reckoning.heading import UNKNOWN_VARIANCE
-from services.gateway.reckoning.stride import step_length
+from services.gateway.reckoning.attitude import Attitude
+from services.gateway.reckoning.complementary import ComplementaryFilter
+from services.gateway.reckoning.dead_reckoning import Carrying, DeadReckoner, InertialSamples, Motion, Walk
+from services.gateway.reckoning.gradient_descent import GradientDescentFilter
+from services.gateway.reckoning.step_heading import UNKNOWN_VARIANCE
+from shared.walking.stride import StrideLine
+
+NORTH_UP = math.pi / 2
 
 
-def walk(compass: float, seconds: float = 20.0, rate: float = 100.0, start: float = 1e9) -> InertialSamples:
-    """Five seconds of rest, then a walk with the phone flat in the hand."""
+def walk(
+    compass: float, seconds: float = 20.0, rate: float = 100.0, start: float = 1e9, corner: float = 0.0
+) -> InertialSamples:
+    """Five seconds of rest, then a walk with the phone flat in the hand; halfway ``corner`` rad to the left."""
     t = start + np.arange(0, seconds + 5.0, 1 / rate)
     bounce = 2.5 * np.sin(2 * np.pi * 1.9 * (t - start)) * (t - start > 5.0)
     zero = np.zeros_like(t)
-    field = np.stack([-20 * math.sin(compass) + zero, 20 * math.cos(compass) + zero, -43 + zero], axis=1)
-    return InertialSamples(t, np.stack([zero, zero, 9.81 + bounce], axis=1), np.zeros((len(t), 3)), field)
+    turned = corner * np.clip(t - start - 5.0 - seconds / 2, 0.0, 1.0)
+    facing = compass - turned
+    field = np.stack([-20 * np.sin(facing), 20 * np.cos(facing), -43 + zero], axis=1)
+    rotation = np.stack([zero, zero, np.gradient(turned, t)], axis=1)
+    return InertialSamples(t, np.stack([zero, zero, 9.81 + bounce], axis=1), rotation, field)
 
 
 def cut(samples: InertialSamples, seconds: float = 1.0) -> list[InertialSamples]:
     edges = np.searchsorted(samples.t, np.arange(samples.t[0] + seconds, samples.t[-1], seconds))
-    assert samples.field is not None
     columns = (samples.t, samples.acceleration, samples.rotation, samples.field)
-    return [InertialSamples(*parts) for parts in zip(*(np.split(c, edges) for c in columns), strict=True)]
+    return [
+        InertialSamples(*parts) for parts in zip(*(np.split(c, edges) for c in columns if c is not None), strict=True)
+    ]
 
 
-def reckon(samples: list[InertialSamples], reckoner: DeadReckoner | None = None) -> list[Motion]:
-    reckoner = reckoner or DeadReckoner(north=math.pi / 2)
-    return [motion for part in samples for motion in reckoner.push(part)]
+def reckon(
+    samples: list[InertialSamples], carrying: Carrying = "hand", phone: Walk | None = None, **chosen: Attitude
+) -> list[Motion]:
+    phone, reckoner = phone or Walk(carrying), DeadReckoner(NORTH_UP, **chosen)
+    motions = [motion for part in samples for motion in reckoner.advance([phone], [part])[0]]
+    return motions + reckoner.finish([phone])[0]
 
 
+def steps_of(motions: list[Motion]) -> np.ndarray:
+    return np.concatenate([m.step_t for m in motions])
+
+
+def assert_same(one: list[Motion], other: list[Motion], **tolerance: float) -> None:
+    assert len(one) == len(other)
+    for a, b in zip(one, other, strict=True):
+        for name, value in dataclasses.asdict(a).items():
+            if isinstance(value, str):
+                assert value == getattr(b, name)
+            else:
+                np.testing.assert_allclose(value, getattr(b, name), err_msg=name, **tolerance)
+
+
+@pytest.mark.parametrize(
+    "attitude", [ComplementaryFilter(), GradientDescentFilter()], ids=["complementary", "gradient"]
+)
 @pytest.mark.parametrize(("compass", "toward"), [(0.0, (0.0, 1.0)), (math.pi / 2, (1.0, 0.0)), (math.pi, (0.0, -1.0))])
-def test_a_walk_leads_where_the_compass_points(compass: float, toward: tuple[float, float]) -> None:
-    motions = reckon(cut(walk(compass)))
+def test_a_walk_leads_where_the_compass_points(compass: float, toward: tuple[float, float], attitude: Attitude) -> None:
+    motions = reckon(cut(walk(compass)), attitude=attitude)
     length = np.concatenate([m.length for m in motions])
     heading = np.concatenate([m.heading for m in motions])
     end = np.array([(length * np.cos(heading)).sum(), (length * np.sin(heading)).sum()])
-    np.testing.assert_allclose(end, 20.0 * 1.9 * 0.70 * np.array(toward), atol=2.0)
+    assert len(length) == pytest.approx(38, abs=2)
+    np.testing.assert_allclose(end / length.sum(), toward, atol=0.02)
 
 
-def test_reports_come_about_once_a_second_join_without_holes_and_tell_each_step_once() -> None:
-    motions = reckon(cut(walk(0.3)))
-    assert all(0.9 <= m.t - earlier.t <= 1.1 for earlier, m in itertools.pairwise(motions))
-    assert all(m.t_start <= earlier.t + 1e-9 for earlier, m in itertools.pairwise(motions))
-    steps = np.concatenate([m.step_t for m in motions])
-    assert np.all(np.diff(steps) > 0.3)
+@pytest.mark.parametrize("turned", [0.0, 0.7, -2.0])
+def test_a_walk_north_leads_north_on_a_plan_that_is_turned(turned: float) -> None:
+    phone = Walk("hand")
+    (motions,) = DeadReckoner(turned).advance([phone], [walk(0.0)])
+    heading = np.concatenate([m.heading for m in motions])
+    np.testing.assert_allclose(np.cos(heading - turned), 1.0, atol=1e-3)
+
+
+def test_reports_come_once_a_second_join_without_holes_and_tell_each_step_once() -> None:
+    motions = reckon(cut(walk(0.3)))[:-1]
+    assert all(m.t - earlier.t == pytest.approx(1.0) for earlier, m in itertools.pairwise(motions))
+    assert all(m.t_start <= earlier.t + 1e-6 for earlier, m in itertools.pairwise(motions))
+    assert np.all(np.diff(steps_of(motions)) > 0.3)
     assert all(m.t_start <= m.step_t.min() and m.step_t.max() <= m.t for m in motions if len(m.step_t))
 
 
-def test_rest_is_still_and_walking_is_walking() -> None:
+def test_every_column_has_one_entry_per_step_and_each_its_variance() -> None:
+    for motion in reckon(cut(walk(0.3))):
+        columns = [value for name, value in dataclasses.asdict(motion).items() if np.ndim(value) and "turn" not in name]
+        assert {len(column) for column in columns} == {len(motion.step_t)}
+        assert np.all(motion.heading_variance >= motion.heading_bias_variance)
+        assert np.all(motion.length_variance >= motion.length**2 * motion.length_scale_variance)
+
+
+def test_rest_is_still_walking_is_walking_and_fidgeting_is_neither() -> None:
     motions = reckon(cut(walk(0.0)))
     assert {m.activity for m in motions if m.t < 1e9 + 4.5} == {"still"}
     assert {m.activity for m in motions if m.t > 1e9 + 10.0} == {"walking"}
+    rest = walk(0.0, 0.0, start=1e9)
+    shaken = rest.acceleration + np.random.default_rng(1).normal(0.0, 1.0, rest.acceleration.shape).cumsum(axis=0) * 0.1
+    fidget = InertialSamples(rest.t, shaken, rest.rotation, rest.field)
+    assert {m.activity for m in reckon(cut(fidget))} == {"other"}
 
 
-def test_quarter_second_batches_give_the_same_steps_as_second_ones() -> None:
-    samples = walk(0.0)
-    often, seldom = reckon(cut(samples, 0.25)), reckon(cut(samples, 1.0))
-    steps = [np.concatenate([m.step_t for m in motions]) for motions in (often, seldom)]
-    count = min(map(len, steps))
-    assert count >= 35
-    np.testing.assert_allclose(steps[0][:count], steps[1][:count], atol=1e-6)
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.integers(0, 2500), max_size=10).map(sorted))
+def test_nothing_depends_on_how_the_stream_is_cut(edges: list[int]) -> None:
+    samples = walk(0.0, corner=1.0)
+    columns = (samples.t, samples.acceleration, samples.rotation, samples.field)
+    parts = [InertialSamples(*p) for p in zip(*(np.split(c, edges) for c in columns if c is not None), strict=True)]
+    assert_same(reckon(parts), reckon([samples]), rtol=0, atol=0)
+
+
+def test_phones_side_by_side_are_told_what_each_is_told_alone() -> None:
+    """Of all ways of carrying, beginning at different times, one silent for a while, one that sends nothing."""
+    carryings: list[Carrying] = ["hand", "pocket", "bag", "unknown", "hand", "unknown"]
+    streams = [cut(walk(0.5 * n, 12.0, start=1e9 + 0.37 * n, corner=0.3 * n), 0.5) for n in range(len(carryings))]
+    del streams[0][14:18]
+    streams[4] = []
+    alone = [reckon(stream, carrying) for stream, carrying in zip(streams, carryings, strict=True)]
+    phones, reckoner = [Walk(carrying) for carrying in carryings], DeadReckoner(NORTH_UP)
+    together: list[list[Motion]] = [[] for _ in phones]
+    for turn in range(max(map(len, streams))):
+        rows = [row for row, stream in enumerate(streams) if turn < len(stream)]
+        told = reckoner.advance([phones[row] for row in rows], [streams[row][turn] for row in rows])
+        for row, motions in zip(rows, told, strict=True):
+            together[row] += motions
+    for row, motions in enumerate(reckoner.finish(phones)):
+        together[row] += motions
+        assert_same(together[row], alone[row], atol=1e-6, rtol=1e-6)
 
 
 def test_a_hole_of_ten_seconds_ends_one_walk_and_begins_another() -> None:
-    first, second = walk(0.0), walk(0.0, start=1e9 + 35.0)
-    motions = reckon(cut(first) + cut(second))
+    motions = reckon(cut(walk(0.0)) + cut(walk(0.0, start=1e9 + 35.0)))
     assert not any(m.t_start < 1e9 + 25.5 and m.t > 1e9 + 34.5 for m in motions)
-    steps = np.concatenate([m.step_t for m in motions])
+    steps = steps_of(motions)
     assert np.all(np.diff(steps) > 0.3)
     assert np.sum(steps > 1e9 + 35.0) >= 35
+    assert {m.walk for m in motions if len(m.step_t) and m.t < 1e9 + 30.0} == {1}
+    assert {m.walk for m in motions if len(m.step_t) and m.t > 1e9 + 30.0} == {2}
 
 
-def test_a_phone_in_a_pocket_admits_that_its_heading_is_unknown() -> None:
-    motions = reckon(cut(walk(0.0)), DeadReckoner(math.pi / 2, heading_known=False))
+@pytest.mark.parametrize(("stop", "walks"), [(6.0, 1), (16.0, 2)])
+def test_a_long_stop_begins_a_new_walk_and_a_short_one_does_not(stop: float, walks: int) -> None:
+    first, second = walk(0.0), walk(0.0, start=1e9 + 25.0 + stop - 5.0)
+    t = np.arange(1e9 + 25.0, second.t[0], 0.01)
+    pause = InertialSamples(t, np.tile([0.0, 0.0, 9.81], (len(t), 1)), np.zeros((len(t), 3)), None)
+    assert max(m.walk for m in reckon([first, pause, second])) == walks
+
+
+def test_walks_are_counted_on_where_a_phone_was_put_away() -> None:
+    motions = reckon(cut(walk(0.0)), phone=Walk("hand", walks=7))
+    assert {m.walk for m in motions if len(m.step_t)} == {8}
+
+
+def test_a_corner_is_told_with_its_side() -> None:
+    motions = reckon(cut(walk(0.0, 30.0, corner=math.pi / 2)))
+    ((t, angle),) = [(t, a) for m in motions for t, a in zip(m.turn_t, m.turn, strict=True)]
+    assert math.degrees(angle) == pytest.approx(90.0, abs=5.0)
+    assert t == pytest.approx(1e9 + 20.5, abs=0.5)
+    heading = np.concatenate([m.heading for m in motions])
+    assert math.degrees(heading[-1] - heading[0]) == pytest.approx(90.0, abs=2.0)
+
+
+def test_a_phone_without_a_compass_admits_that_its_walk_points_anywhere() -> None:
+    samples = walk(0.0, corner=1.0)
+    blind = InertialSamples(samples.t, samples.acceleration, samples.rotation, None)
+    motions = [m for m in reckon([blind]) if len(m.step_t)]
     assert all(np.all(m.heading_variance == UNKNOWN_VARIANCE) for m in motions)
+    assert all(m.heading_bias_variance == UNKNOWN_VARIANCE for m in motions)
+    heading = np.concatenate([m.heading for m in motions])
+    assert heading[-1] - heading[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_phone_without_a_gyroscope_steps_all_the_same() -> None:
+    samples = walk(1.0)
+    motions = reckon([InertialSamples(samples.t, samples.acceleration, None, samples.field)])
+    assert len(steps_of(motions)) >= 35
+    heading = np.concatenate([m.heading for m in motions])
+    np.testing.assert_allclose(heading, NORTH_UP - 1.0, atol=0.05)
 
 
 def test_a_phone_that_loses_its_compass_goes_on() -> None:
     parts = cut(walk(0.0))
     blind = [InertialSamples(p.t, p.acceleration, p.rotation, None) for p in parts[12:]]
     motions = reckon(parts[:12] + blind)
-    assert sum(len(m.step_t) for m in motions) >= 30
+    assert len(steps_of(motions)) >= 35
+    np.testing.assert_allclose(np.concatenate([m.heading for m in motions]), NORTH_UP, atol=0.02)
 
 
-def test_strollers_steps_are_less_certain() -> None:
-    length, variance = step_length(np.array([1.86, 1.3]))
-    assert length == pytest.approx([0.70, 0.70])
-    assert variance[1] > 2 * variance[0]
+def test_a_persons_own_stride_is_used_from_when_it_is_known() -> None:
+    own = StrideLine(np.array(0.4), np.array(0.1), np.array(0.03**2))
+    lengths = np.concatenate([m.length for m in reckon(cut(walk(0.0)), phone=Walk("hand", own))])
+    np.testing.assert_allclose(np.median(lengths), 0.4 * 1.9 + 0.1, rtol=0.03)
+
+
+def test_one_phones_own_stride_is_not_anothers() -> None:
+    own = StrideLine(np.array(0.4), np.array(0.1), np.array(0.03**2))
+    phones = [Walk("hand"), Walk("hand", own)]
+    told = DeadReckoner(0.0).advance(phones, [walk(0.0), walk(0.0)])
+    usual, mine = (np.concatenate([m.length for m in motions]) for motions in told)
+    assert np.median(mine) == pytest.approx(0.86, abs=0.03)
+    np.testing.assert_allclose(usual, np.concatenate([m.length for m in reckon([walk(0.0)])])[: len(usual)], rtol=1e-6)
+
+
+def test_a_walking_phone_is_small_and_can_be_put_away() -> None:
+    samples, phone, reckoner = cut(walk(0.0, 60.0, rate=400.0)), Walk("unknown"), DeadReckoner(NORTH_UP)
+    largest, told = 0, []
+    for part in samples:
+        told += reckoner.advance([phone], [part])[0]
+        largest = max(largest, phone.nbytes, len(pickle.dumps(phone)))
+        phone = pickle.loads(pickle.dumps(phone))
+    assert largest < 200_000
+    assert_same(told, reckon(samples, "unknown")[: len(told)], rtol=0, atol=0)
+
+
+def test_no_phones_and_no_samples_are_nothing() -> None:
+    reckoner = DeadReckoner(0.0)
+    assert reckoner.advance([], []) == []
+    nothing = InertialSamples(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), None)
+    phone = Walk("hand")
+    assert reckoner.advance([phone], [nothing]) == [[]]
+    assert phone.nbytes == 0

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -11,7 +12,7 @@ from phone_carriers import WalkingPeople
 from services.gateway.phones.batch_check import Limits
 from services.gateway.phones.phone import Phone
 from services.gateway.protocol import Batch
-from services.gateway.reckoning.dead_reckoning import DeadReckoner, InertialSamples, Walk
+from services.gateway.reckoning.dead_reckoning import DeadReckoner, InertialSamples, Motion, Walk
 from services.simulator.faults import DuplicateBatches, PhoneClockFault, PhoneFaults, SwappedBatches
 from services.simulator.phones.carrying import Carrying
 from services.simulator.phones.magnetic import MagneticField, MagneticParameters
@@ -45,17 +46,16 @@ def measured(
     return [batch for k in range(int(seconds / 5)) for batch in phone.block(people, 5.0 * k, 5.0 * k + 5.0)]
 
 
+def moved(site: Site, batches: list[PhoneBatch], phone: Walk) -> list[Motion]:
+    reckoner = DeadReckoner(site.north_radians)
+    inertial = [batch.inertial for batch in batches if batch.inertial is not None]
+    parts = [InertialSamples(part.t, *(part.values[:, k : k + 3] for k in (0, 3, 6))) for part in inertial]
+    return [m for part in parts for m in reckoner.advance([phone], [part])[0]] + reckoner.finish([phone])[0]
+
+
 def reckoned(site: Site, batches: list[PhoneBatch]) -> tuple[np.ndarray, np.ndarray]:
     """Times and headings of the steps that dead reckoning finds."""
-    reckoner, walk = DeadReckoner(site.north_radians), Walk("hand")
-    motions = [
-        motion
-        for batch in batches
-        if batch.inertial is not None
-        for motion in reckoner.advance(
-            [walk], [InertialSamples(batch.inertial.t, *(batch.inertial.values[:, k : k + 3] for k in (0, 3, 6)))]
-        )[0]
-    ]
+    motions = moved(site, batches, Walk("hand"))
     return np.concatenate([m.step_t for m in motions]), np.concatenate([m.heading for m in motions])
 
 
@@ -75,6 +75,17 @@ def test_dead_reckoning_finds_the_true_steps(world: World, carrying: Carrying, r
         errors.append(len(found) / sum(len(batch.step_t) for batch in batches) - 1.0)
     assert np.median(np.abs(errors)) < 0.03
     assert np.sort(np.abs(errors))[-2] < 0.06  # one walk may begin or end in a fidget
+
+
+@pytest.mark.parametrize("carrying", ["hand", "pocket"])
+def test_how_a_phone_is_carried_is_found_out(world: World, carrying: Literal["hand", "pocket"]) -> None:
+    """Of a phone of which nobody has told: the same steps and headings as if somebody had."""
+    for number, speed in enumerate((0.7, 1.1, 1.5)):
+        batches = measured(world, to_and_fro(f"p{number}", speed, 0.5 * number), 60.0, carrying=carrying)
+        told, found = (moved(world[0], batches, Walk(known)) for known in (carrying, "unknown"))
+        told_heading, heading = (np.concatenate([m.heading for m in motions]) for motions in (told, found))
+        assert len(heading) == len(told_heading)
+        assert np.mean(np.cos(heading - told_heading) > 0.99) > 0.85
 
 
 def test_a_walk_north_is_a_walk_north_and_people_differ_as_on_real_phones(world: World) -> None:
