@@ -142,9 +142,9 @@ def _fit(law: Law, legs: Sequence[tuple[Array, Array]]) -> Array:
 def _least_deviations(x: Array, y: Array, scale: Array) -> Array:
     """Return the coefficients with the least sum of |x b - y| / scale, by reweighted least squares."""
     weight = 1.0 / scale
-    found: Array = np.zeros(x.shape[1])
+    found = np.zeros(x.shape[1])
     for _ in range(25):
-        found = np.linalg.lstsq(x * weight[:, None], y * weight, rcond=None)[0]
+        found = np.asarray(np.linalg.lstsq(x * weight[:, None], y * weight, rcond=None)[0], np.float64)
         weight = 1.0 / (scale * np.sqrt(np.maximum(np.abs(x @ found - y) / scale, 0.01)))
     return found
 
