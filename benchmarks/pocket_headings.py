@@ -25,9 +25,10 @@ from services.gateway.reckoning.gyro_bias import GyroBias
 from services.gateway.reckoning.hard_iron import HardIron
 from services.gateway.reckoning.hops import HOP, RATE
 from services.gateway.reckoning.pocket_heading import PocketHeading, principal_axis, swing_asymmetry
+from services.gateway.reckoning.swing_length import SwingLength
 from services.gateway.steps.gated_peaks import GatedPeaks
 
-__all__ = ["Told", "draw", "headings", "measure", "shipped", "tell"]
+__all__ = ["Told", "draw", "headings", "measure", "shipped", "sign_cues", "swing_length_errors", "tell"]
 
 Array = NDArray[np.float64]
 
@@ -155,11 +156,32 @@ def measure(seed: int, walkers: int = 8) -> dict[str, float]:
     figures["pocket_normalised_error"] = float(np.mean(squares))
     figures["pocket_flipped"] = float(np.mean(np.abs(np.concatenate([e.error("pocket") for e in told])) > np.pi / 2))
     figures["pocket_sign_right"] = float(np.mean(np.concatenate([sign_cues(walk) for walk in twin])))
+    for second in (2.0, 1.0):
+        even = [swinging_thigh(np.random.default_rng([seed, row]), 60.0, second=second) for row in range(walkers)]
+        right = np.concatenate([sign_cues(walk) for walk in even])
+        figures[f"thigh_sign_right_{second:g}_deg"] = float(right.mean())
+    lengths = [swing_length_errors(walk) for walk in twin]
+    figures["swing_length_step_error"] = float(np.median(np.abs(np.concatenate(lengths))))
+    figures["swing_length_distance_error"] = float(np.median([abs(each.mean()) for each in lengths]))
     figures["pocket_never_at_rest_heading_deg"] = _medians(tell(*shipped(walks)))["pocket"]
     for label, group in (("known_steps", twin), ("thigh", thighs)):
         for name, median in _medians(tell(group, [walk.steps for walk in group])).items():
             figures[f"{label}_{name}_heading_deg"] = median
     return figures
+
+
+def swing_length_errors(walk: Walk, calibration: float = 20.0) -> Array:
+    """Return the share by which single steps are told too long, after ``calibration`` seconds of known distance."""
+    method = SwingLength()
+    state = np.zeros(1, method.STATE)
+    rows = []
+    for recent, steps in replay([walk], delay=0.0):
+        rows.append(np.column_stack([steps.t, method.advance(state, recent, steps)]))
+        if state["scale"][0] == 0.0 and len(steps.t) and steps.t[-1] > walk.steps[0] + calibration:
+            method.calibrate(state, np.array([walk.lengths(np.concatenate(rows)[:, 0]).sum()]))
+    table = np.concatenate(rows)
+    told = np.isfinite(table[:, 1])
+    return np.asarray(table[told, 1] / walk.lengths(table[:, 0])[told] - 1.0)
 
 
 def draw(seed: int, path: Path, walkers: int = 8) -> None:
