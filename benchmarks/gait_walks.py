@@ -102,7 +102,6 @@ def swinging_thigh(
     rng: np.random.Generator,
     seconds: float = 120.0,
     swing: float = 22.0,
-    second: float = 6.0,
     forward: float = 1.2,
     lateral: float = 1.2,
     yaw_sigma: float = 3.0,
@@ -113,7 +112,6 @@ def swinging_thigh(
         rng: decides period, route, mounting and noise.
         seconds: how long.
         swing: of the thigh, degrees.
-        second: harmonic of the swing, degrees: by it the thigh swings forward faster than back.
         forward: amplitude of the footfalls, m/s².
         lateral: of the sway, m/s².
         yaw_sigma: of the attitude, degrees.
@@ -122,7 +120,7 @@ def swinging_thigh(
     t = np.arange(n) / RATE
     phase = 2.0 * math.pi * t / period
     turning = 2.0 * math.pi / period
-    big, small = math.radians(swing), math.radians(second)
+    big, small = math.radians(swing), math.radians(6.0)
     pitch = big * np.sin(phase) + small * np.sin(2.0 * phase + 0.7)
     rate = turning * (big * np.cos(phase) + 2.0 * small * np.cos(2.0 * phase + 0.7))
     turn = -(turning**2) * (big * np.sin(phase) + 4.0 * small * np.sin(2.0 * phase + 0.7))

@@ -45,16 +45,16 @@ class PocketHeading:
         ]
     )
     BIAS_VARIANCE = np.radians(5.0) ** 2
-    """rad², of what all steps have in common: compass, thigh and walk. With what single steps are off by it is as much as
-    the study's 30 km on real trousers: median 3.8, three quarters within 6.5 degrees."""
+    """rad², of what all steps have in common: compass, thigh and walk. With what single steps are off by it is as large
+    as on the study's real trousers: median 3.8, three quarters within 6.5 degrees."""
     YIELDS = np.radians(3.0) ** 2
     """rad², of a step: cloth yields."""
     FIRST_SPREAD = np.radians(12.0) ** 2
     """rad², of a stride's line, before there were strides to tell."""
     LOG_ODDS = 4.0
     """Of the sign, per unit of the gyroscope's skewness."""
-    ODDS_LIMIT = 6.0
-    """No sign is surer than exp(this) to one: people differ."""
+    ODDS_LIMIT = 4.0
+    """No sign is surer than exp(this) to one: people differ, and no recording of ours could test it."""
 
     def __init__(self, memory: float = 20.0, robust: bool = False) -> None:
         self._keep = np.exp(-1.0 / memory)
