@@ -249,7 +249,7 @@ class Phones:
             f"/v1/devices/{line.device}/batches", content=msgspec.json.encode(body), headers=headers
         )
         status = answer.status_code
-        if status == 200:
+        if status in (200, 202):
             taken = msgspec.json.decode(answer.content, type=_Taken)
             # Replies take as long as what they reply to.
             line.reply = taken.replied, self._now() + batch.arrival - batch.sent

@@ -32,6 +32,7 @@ class Server:
         self.batches: list[tuple[str, str, dict[str, Any]]] = []
         self.refuse_with: int | None = None
         self.refused = 0
+        self.accepts_with = 200
         self.nonsense: tuple[Any, ...] | None = None
         self.received: list[float] = []
         self.known: set[str] = set()
@@ -62,7 +63,7 @@ class Server:
                         return
                     server.received.append(received)
                     server.batches.append((device, self.headers["Authorization"], body))
-                    self.answer(200, {"seq": body["seq"], "replied": time.time()})
+                    self.answer(server.accepts_with, {"seq": body["seq"], "replied": time.time()})
 
             def answer(self, status: int, body: dict[str, Any], headers: dict[str, str] | None = None) -> None:
                 self.answer_with(status, json.dumps(body).encode(), headers or {})
@@ -166,6 +167,14 @@ def test_nothing_is_lost_while_the_gateway_is_busy(server: Server, free_port: in
     assert seqs == list(range(len(seqs)))
     stamps = np.concatenate([body["imu"]["t"] for _, _, body in server.batches])
     np.testing.assert_allclose(np.diff(stamps), 0.02, atol=2e-3)
+
+
+def test_a_batch_accepted_as_late_is_not_sent_again(server: Server, free_port: int) -> None:
+    server.accepts_with = 202
+    with World(free_port):
+        wait_until(lambda: len(server.batches) >= 4, 15, "four batches")
+    seqs = [body["seq"] for _, _, body in server.batches]
+    assert seqs == list(range(len(seqs)))
 
 
 NONSENSE: list[tuple[bool, int, bytes, dict[str, str]]] = [
