@@ -14,6 +14,9 @@ class WalkingDetection:
 
     Walking: moving for two seconds or longer; the disturbing acts of the thesis are shorter. This is the causal form:
     the second moving second confirms the walk and releases the first.
+
+    On the step counter recordings that holds for 93 % of the seconds of walking and 13 % of the others; dead reckoning
+    lets it speak only for who has also stepped within the last second.
     """
 
     STATE = np.dtype([("moving", np.int64)])

@@ -181,6 +181,12 @@ def test_a_phone_without_a_compass_admits_that_its_walk_points_anywhere() -> Non
     assert heading[-1] - heading[0] == pytest.approx(1.0, abs=0.05)
 
 
+def test_a_phone_in_a_bag_admits_that_its_heading_is_unknown() -> None:
+    motions = [m for m in reckon(cut(walk(0.0)), "bag") if len(m.step_t)]
+    assert motions
+    assert all(np.all(m.heading_variance == UNKNOWN_VARIANCE) for m in motions)
+
+
 def test_a_phone_without_a_gyroscope_steps_all_the_same() -> None:
     samples = walk(1.0)
     motions = reckon([InertialSamples(samples.t, samples.acceleration, None, samples.field)])
