@@ -157,11 +157,7 @@ def thresholds_grid() -> list[PersonalThresholds]:
 
 def adaptive_grid() -> list[AdaptiveDft]:
     """Return the variants of the adaptive DFT that are chosen from."""
-    return [
-        AdaptiveDft(peak, lowest, share)
-        for peak in PEAKS
-        for lowest, share in itertools.product((0.6, 0.8), (0.1, 0.2))
-    ]
+    return [AdaptiveDft(peak, share=share) for peak in PEAKS for share in (0.1, 0.2)]
 
 
 def _gated_peaks(stop_too: bool = False) -> Tally:

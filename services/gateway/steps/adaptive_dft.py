@@ -49,7 +49,7 @@ class AdaptiveDft:
         share: of the power in the strongest bin and its neighbours.
     """
 
-    peak: Peak = "fitted"
+    peak: Peak = "raw"
     lowest: float = 0.8
     share: float = 0.1
 

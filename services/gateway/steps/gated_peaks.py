@@ -68,8 +68,8 @@ class GatedPeaks:
     start_correlation: float = 0.75
     regular: float = 0.25
     quick_peaks: int = 3
-    quick_correlation: float = 0.85
-    quick_regular: float = 0.15
+    quick_correlation: float = 0.75
+    quick_regular: float = 0.2
     slowest: float = 1.3
     stop_correlation: float = 0.6
     stop_after: float = 3.5
