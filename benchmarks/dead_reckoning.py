@@ -159,7 +159,8 @@ magnetic declination is not taken out. `*_within_N_sigma` and `end_nees` compare
 gateway tells, a way-point being sure to 0.6 m: neighbouring steps err alike, so that variances of single steps are as
 large as makes sums honest, and single legs come out a little better than told. `with_iron_*` leaves the phone's own
 iron in, `thesis_*` has also the thesis' time constant, `mean_compass_*` follows the gyroscope and the mean compass,
-`rotation_vector_*` is the phone's own. `second_half_*` is the error on the second half of a trace: of the universal
+`rotation_vector_*` is the phone's own. Medians of a hundred legs hop by half a
+degree from one choice to the next; the ninth deciles, a third lower than with the iron left in, do not. `second_half_*` is the error on the second half of a trace: of the universal
 model, of a plain line through (cadence, length) of the first half, and of that line with a prior. The line knows no
 bounce and half a trace is short: it learns from more than that, or not at all.
 

@@ -25,6 +25,7 @@ class HardIron:
     Args:
         forgets: s; the gyroscope's R drifts, buildings differ from place to place and phones are put into cases.
         doubt: s of evidence that the belief in ``b = 0`` is worth. Chosen on every other trace; the rest agreed.
+        settles: s, with which the field without b draws R back, lest the gyroscope's own bias turns it away.
     """
 
     STATE = np.dtype(
@@ -45,9 +46,10 @@ class HardIron:
     GRAVITY_SHARE = 0.3
     """Of a hop's mean acceleration in the upward row of R."""
 
-    def __init__(self, forgets: float = 120.0, doubt: float = 3.0) -> None:
+    def __init__(self, forgets: float = 120.0, doubt: float = 3.0, settles: float = 40.0) -> None:
         self._keep = float(np.exp(-1.0 / forgets))
         self._doubt = doubt
+        self._settles = settles
 
     def advance(self, state: State, hops: Hops, rate: Array) -> Hops:
         """Take one hop of each of p phones, change ``state`` (p,) in place and return the hops with b taken away.
@@ -70,7 +72,9 @@ class HardIron:
         still = np.einsum("pnij,pnj->pi", turned, field)
         state["still"] = fade[:, None] * state["still"] + share * np.einsum("pij,pj->pi", frame, still)
         state["frame"] = frame @ turned[:, -1]
-        return replace(hops, field=hops.field - self.iron(state)[:, None])
+        iron = self.iron(state)
+        self._settle(state, hops.field[:, -1] - iron, iron, use[:, -1])
+        return replace(hops, field=hops.field - iron[:, None])
 
     def iron(self, state: State) -> Array:
         """Return b of each of p phones, (p, 3) µT in the phone's axes; zeros where nothing is known."""
@@ -83,7 +87,7 @@ class HardIron:
     def heading_variance(self, state: State) -> Array:
         """Return how far compass headings of p phones may be turned by what is not known of b, (p,) rad²."""
         iron = self.iron(state)
-        earth = (state["still"] - np.einsum("pij,pj->pi", state["turned"], iron)) / self._seconds(state)[:, None]
+        earth = self._earth(state, iron)
         strength = np.maximum(np.hypot(earth[:, 0], earth[:, 1]), self.WEAKEST)
         # Only what lies across the horizontal field turns the compass.
         across = np.stack([-earth[:, 1], earth[:, 0], np.zeros(len(earth))], axis=1)
@@ -91,6 +95,20 @@ class HardIron:
         unknown = np.linalg.solve(self._evidence(state), across[..., None])[..., 0]
         variance: Array = self.SIGMA**2 * self._doubt * np.sum(across * unknown, axis=1) / strength**2
         return variance
+
+    def _earth(self, state: State, iron: Array) -> Array:
+        """Return E of each of p phones, (p, 3) µT in the axes of R."""
+        earth: Array = state["still"] - np.einsum("pij,pj->pi", state["turned"], iron)
+        return earth / self._seconds(state)[:, None]
+
+    def _settle(self, state: State, field: Array, iron: Array, known: NDArray[np.bool_]) -> None:
+        """Turn R about the vertical towards where ``field`` (p, 3), without iron, would be E."""
+        now = np.einsum("pij,pj->pi", state["frame"], np.where(known[:, None], field, 0.0))
+        east, north, _ = self._earth(state, iron).T
+        off = np.arctan2(now[:, 1] * east - now[:, 0] * north, now[:, 0] * east + now[:, 1] * north)
+        cos, sin = np.cos(off / self._settles)[:, None], np.sin(off / self._settles)[:, None]
+        x, y = state["frame"][:, 0], state["frame"][:, 1]
+        state["frame"][:, 0], state["frame"][:, 1] = cos * x + sin * y, cos * y - sin * x
 
     def _evidence(self, state: State) -> Array:
         """Return how much is known of b, (p, 3, 3) s; ``doubt`` times the identity where nothing is."""
