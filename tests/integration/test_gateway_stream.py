@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
@@ -120,22 +121,23 @@ def test_a_stream_without_a_fitting_token_is_refused_with_the_reason(gateway: Ru
 
 def test_a_device_opens_few_streams_at_once(gateway: Running) -> None:
     phone = Phone(gateway)
-    streams = [opened(phone) for _ in range(4)]
-    with pytest.raises(InvalidStatus) as caught:
-        opened(phone)
-    assert caught.value.response.status_code == 429
-    streams.pop().close()
+    with ExitStack() as open_ones:
+        first = open_ones.enter_context(opened(phone))
+        for _ in range(3):
+            open_ones.enter_context(opened(phone))
+        with pytest.raises(InvalidStatus) as caught, opened(phone):
+            pass
+        assert caught.value.response.status_code == 429
+        first.close()
 
-    def again() -> bool:
-        try:
-            streams.append(opened(phone))
-        except InvalidStatus:
-            return False
-        return True
+        def again() -> bool:
+            try:
+                open_ones.enter_context(opened(phone))
+            except InvalidStatus:
+                return False
+            return True
 
-    wait_until(again, 5, "a place to come free")
-    for stream in streams:
-        stream.close()
+        wait_until(again, 5, "a place to come free")
 
 
 def test_revoking_the_token_or_the_consent_ends_the_streams_it_opened_with_a_reason(gateway: Running) -> None:
