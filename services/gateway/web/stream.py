@@ -10,6 +10,7 @@ import contextlib
 import time
 
 import msgspec
+import structlog
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from services.gateway.devices.known_tokens import Grant
@@ -27,6 +28,8 @@ MOST_STREAMS = 4
 """Open at once, of one device."""
 UNAUTHORISED = 4401
 """Close code: the token is no longer valid."""
+
+log = structlog.get_logger(__name__)
 
 
 class Streams:
@@ -91,6 +94,8 @@ class Streams:
                 reply: msgspec.Struct = await self._intake.take(grant.device, batch, received)
             except Exception as error:
                 refused = error_of(error)
+                if refused.status == 500:
+                    log.exception("a batch of a stream failed", device=device)
                 refusal(refused)
                 await websocket.send_text(encode(refused.reply).decode())
                 if refused.status in (401, 403, 404):
