@@ -72,3 +72,46 @@ def test_an_echo_from_the_future_is_not_believed() -> None:
     aligner = ClockAligner()
     aligner.observe(100.0, 100.05)
     assert aligner.observe(101.0, 101.05, (500.0, 100.5)) == pytest.approx(0.05)
+
+
+def test_the_drift_is_found_so_that_an_hour_measured_without_network_is_placed_right() -> None:
+    rng, aligner, drift = np.random.default_rng(3), ClockAligner(), 8e-5
+
+    def phone(server: float) -> float:
+        return server - 30.0 + drift * (server - 1e9)
+
+    for second in [*range(300), *range(3900, 3905)]:
+        aligner.observe(phone(1e9 + second), 1e9 + second + rng.uniform(0.02, 0.5))
+    hour = 1e9 + np.arange(300.0, 3900.0, 60.0)
+    errors = [phone(t) + aligner.offset_at(phone(t)) - t for t in hour]
+    assert np.max(np.abs(errors)) < 0.12  # the drift alone makes 0.29 s of it
+    assert aligner.drift == pytest.approx(-drift, abs=3e-5)
+
+
+def test_batches_kept_under_their_old_stamp_do_not_pass_for_a_clock_set_back() -> None:
+    aligner = ClockAligner()
+    for second in range(60):
+        aligner.observe(1e9 + second, 1e9 + second + 0.05)
+    for kept in range(60, 200):
+        offset = aligner.observe(1e9 + kept, 1e9 + 200.0 + 0.01 * (kept - 60))
+    assert offset == pytest.approx(0.05, abs=0.02)
+
+
+@pytest.mark.parametrize("step", [-2.0, 2.0])
+def test_a_clock_set_by_a_little_is_followed_within_a_minute(step: float) -> None:
+    rng, aligner = np.random.default_rng(5), ClockAligner()
+    for second in range(120):
+        aligner.observe(1e9 + second, 1e9 + second + rng.uniform(0.02, 0.5))
+    for second in range(120, 180):
+        offset = aligner.observe(1e9 + second + step, 1e9 + second + rng.uniform(0.02, 0.5))
+    assert offset == pytest.approx(-step, abs=0.1)
+
+
+def test_the_bounds_remembered_are_few_whatever_the_journeys() -> None:
+    rng, aligner = np.random.default_rng(7), ClockAligner()
+    for second in range(5000):
+        down = rng.uniform(0.02, 0.5)
+        echo = (1e9 + second, 1e9 + second + down)
+        aligner.observe(1e9 + second + 0.6, 1e9 + second + 0.6 + rng.uniform(0.02, 0.5), echo)
+    assert len(aligner._upper.corners) <= 64
+    assert len(aligner._lower.corners) <= 64
