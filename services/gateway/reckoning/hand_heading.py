@@ -30,7 +30,7 @@ class HandHeading:
     STATE = np.dtype([("steps", np.int64)])
     UPRIGHT = 0.8
     """Upward part of the phone's top above which it is held upright."""
-    BIAS_VARIANCE = np.radians(7.0) ** 2
+    BIAS_VARIANCE = np.radians(8.0) ** 2
     """rad², of what all steps of a walk have in common beside the compass's own doubt: grip, building, map."""
     STEP_VARIANCE = np.radians(30.0) ** 2
     """rad², of a step by itself. Neighbouring steps err alike, by 8° for a leg of a dozen: who adds them up as if each
