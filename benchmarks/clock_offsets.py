@@ -76,7 +76,8 @@ def aligned(
         return server + offset + drift * (server - 1e9)
 
     last: tuple[float, float] | None = None
-    live, flushed = [], []
+    live: list[float] = []
+    flushed: list[float] = []
     for k, (up, down) in enumerate(journeys):
         absent = k - (len(journeys) - flushes)
         sent = 1e9 + k + (ABSENCE if absent >= 0 else 0)
