@@ -136,8 +136,13 @@ class Resampler:
     def _work(self) -> list[SingleHop]:
         if not self._waiting:
             return []
-        rows, self._waiting, self._kept = np.concatenate(self._waiting), [], 0
+        rows = self._waiting[0] if len(self._waiting) == 1 else np.concatenate(self._waiting)
+        self._waiting, self._kept = [], 0
         hops: list[SingleHop] = []
+        if rows[0, 0] > self._newest and (rows[1:, 0] > rows[:-1, 0]).all():  # as most phones send them
+            self._newest = float(rows[-1, 0])
+            hops += self._take(rows)
+            rows = rows[:0]
         while len(rows):
             newest = np.maximum(np.maximum.accumulate(rows[:, 0]), self._newest)
             behind = newest - rows[:, 0]
@@ -157,8 +162,7 @@ class Resampler:
 
     def _take(self, rows: Array) -> list[SingleHop]:
         rows = np.concatenate([self._open, rows])
-        steps = np.diff(rows[:, 0])
-        if not (steps > 0.0).all():
+        if not (rows[1:, 0] > rows[:-1, 0]).all():
             rows = rows[np.unique(rows[:, 0], return_index=True)[1]]
         bins = np.floor(rows[:, 0] * RATE).astype(np.int64)
         until = int(np.floor((self._newest - WAIT) * RATE))  # no sample comes any more before this bin
@@ -177,9 +181,9 @@ class Resampler:
         """Append the means of bins that will get no more samples."""
         if not len(bins):
             return
-        starts = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))
+        starts = np.concatenate([[0], np.flatnonzero(bins[1:] != bins[:-1]) + 1])
         index = bins[starts]
-        counts = np.diff(starts, append=len(bins))[:, None]
+        counts = np.append(starts[1:], len(bins))[:, None] - starts[:, None]
         blind = np.isnan(values[:, 6])
         if blind.any():
             known = np.add.reduceat(np.where(blind, 0.0, 1.0), starts)[:, None]
@@ -208,7 +212,7 @@ class Resampler:
         """Return the hops before bin ``until`` that are complete or end in a hole, and forget what they used."""
         hops: list[SingleHop] = []
         index, means = self._index, self._means
-        holes = np.append(np.flatnonzero(np.diff(index) > _GAP), len(index) - 1)
+        holes = np.append(np.flatnonzero(index[1:] - index[:-1] > _GAP), len(index) - 1)
         ends = until > index[-1] + _GAP if len(index) else False
         low = 0
         while low < len(index):
