@@ -13,12 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from rich.progress import Progress
 
 from benchmarks import clock_offsets, offset_signs, pocket_headings, reckoning_speed, step_table
 from benchmarks.experiment import Experiment, ExperimentError, Figures, Options, Study
-from benchmarks.mall_headings import rival_headings
+from benchmarks.mall_headings import chosen_headings, rival_headings
 from benchmarks.mall_picture import draw_headings, draw_lengths, draw_plan
 from benchmarks.mall_reckoning import Walked, honesty, reckon, scores
 from benchmarks.mall_strides import LAWS, gait, held_out, personal
@@ -37,7 +38,7 @@ class Mall:
 
     Attributes:
         traces: all.
-        walked: as the gateway ships it, but with the lengths of the universal model fitted without each trace.
+        walked: as the gateway ships it, but with the stride and the compass's constants of all traces but each.
         laws: the same with other laws of step length, by name.
         ways: the same with other ways of telling headings, by name.
         figures: by name.
@@ -54,12 +55,14 @@ def mall(data: Path, rivals: bool = True) -> Mall:
     """Measure the mall's traces; without ``rivals`` only what ships."""
     traces = load_traces(data)
     shipped = reckon(traces)
+    chosen, constants = chosen_headings(traces)
     gaits = [gait(trace, walked.t) for trace, walked in zip(traces, shipped, strict=True)]
-    walked, law = held_out(LAWS["universal"], traces, shipped, gaits)
+    walked, law = held_out(LAWS["universal"], traces, chosen, gaits)
     figures = scores(traces, walked) | honesty(traces, walked)
     figures |= {f"stride_{name}": float(c) for name, c in zip(("level", "per_cadence", "per_bounce"), law, strict=True)}
-    figures["leg_error_shipped"] = scores(traces, shipped)["leg_error"]
-    figures["end_drift_shipped"] = scores(traces, shipped)["end_drift"]
+    with_constants = scores(traces, shipped)
+    figures |= {f"shipped_{name}": with_constants[name] for name in ("leg_error", "heading_error_deg", "end_drift")}
+    figures["chosen_compass_tau_s"], figures["chosen_iron_doubt_s"] = np.median(constants, axis=0).tolist()
     laws: dict[str, list[Walked]] = {}
     ways: dict[str, list[Walked]] = {}
     if rivals:
@@ -151,20 +154,21 @@ recording, `false_steps_per_s` what is told before the first and after the last 
 of the detector that ships. Three people are few: the one tested is always one of three.
 
 *Legs*: 80 traces of surveyors in a shopping mall (`indoor-location`, 2.9 km, one phone model, held flat), way-points
-stamped by hand. A step counts to the leg in which it ended. `leg_error` is of legs over 5 m, `heading_error_deg` of the
-mean heading of legs over 10 m without the first 1.2 s, `turn_error_deg` of the change of heading between neighbouring
-legs over 5 m, `end_drift` the distance by which the end of a trace of 20 m or more is missed, as a share of its way;
-medians all. The universal stride model is fitted leg by leg to all traces but the one judged, its slopes believed by
-three quarters (`bounce_fully_*`: fully); `leg_error_shipped` has the constants that ship, fitted to all. The hard-iron
-filter and the compass's time constant were chosen on every other trace, and the rest agreed. North is the plan's +y;
-magnetic declination is not taken out. `*_within_N_sigma` and `end_nees` compare errors with the variances that the
-gateway tells, a way-point being sure to 0.6 m: neighbouring steps err alike, so that variances of single steps are as
-large as makes sums honest, and single legs come out a little better than told. `with_iron_*` leaves the phone's own
-iron in, `thesis_*` has also the thesis' time constant, `mean_compass_*` follows the gyroscope and the mean compass,
-`rotation_vector_*` is the phone's own. Medians of a hundred legs hop by half a
-degree from one choice to the next; the ninth deciles, a third lower than with the iron left in, do not. `second_half_*` is the error on the second half of a trace: of the universal
-model, of a plain line through (cadence, length) of the first half, and of that line with a prior. The line knows no
-bounce and half a trace is short: it learns from more than that, or not at all.
+stamped by hand. A step counts to the leg in which it ended. `leg_error` is of legs over 5 m, `heading_error_deg` of
+the mean heading of legs over 10 m without the first 1.2 s, `turn_error_deg` of the change of heading between
+neighbouring legs over 5 m, `end_drift` the distance by which the end of a trace of 20 m or more is missed, as a share
+of its way; medians all. The universal stride model is fitted leg by leg to all traces but the one judged, its slopes
+believed by three quarters (`bounce_fully_*`: fully); the compass's time constant and how quickly a phone's iron is
+believed are the best of sixteen pairs on all traces but the one judged (by the mean error of legs over 5 m).
+`shipped_*` has the constants that ship. North is the plan's +y; magnetic declination is not taken out.
+`*_within_N_sigma` and `end_nees` compare errors with the variances that the gateway tells, a way-point being sure to
+0.6 m: neighbouring steps err alike, so that variances of single steps are as large as makes sums honest, and single
+legs come out a little better than told; those variances were chosen on these traces. `with_iron_*` leaves the phone's
+own iron in, `thesis_*` has also the thesis' time constant, `mean_compass_*` follows the gyroscope and the mean
+compass, `rotation_vector_*` is the phone's own. Medians of a hundred legs hop by half a degree from one choice to the
+next; ninth deciles do so less. `second_half_*` is the error on the second half of a trace: of the universal model, of
+a plain line through (cadence, length) of the first half, and of that line with a prior. The line knows no bounce and
+half a trace is short: it learns from more than that, or not at all.
 
 *Pocket* (`pocket_*`, the five rivals of the dissertation, `thigh_*` for a swinging thigh that shares no code with the
 twin) and *side of the phone* (`offset_*`) are of the twin, whose gait follows the same studies: they say that the

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from benchmarks.mall_reckoning import Walked, reckon
+from benchmarks.mall_reckoning import LEG, Walked, heading_errors, reckon
 from benchmarks.mall_traces import NORTH, Trace
 from services.gateway.reckoning.attitude import Attitude
 from services.gateway.reckoning.complementary import ComplementaryFilter
@@ -19,13 +19,30 @@ from services.gateway.reckoning.hand_heading import pointing
 from services.gateway.reckoning.hard_iron import HardIron
 from services.gateway.reckoning.plan_heading import plan_heading
 
-__all__ = ["rival_headings"]
+__all__ = ["chosen_headings", "rival_headings"]
 
 Array = NDArray[np.float64]
 
 NEVER = 1e9
+GRID = [(tau, doubt) for tau in (1.0, 5.0, 15.0, 30.0) for doubt in (1.0, 3.0, 10.0, NEVER)]
+"""Time constants of the compass, s, and doubts of the iron, s, among which is chosen; the last leaves the iron in."""
 REACH = 0.5
 """s on either side of a step over which the phone's own rotation vector is averaged, as the gateway does."""
+
+
+def chosen_headings(traces: Sequence[Trace]) -> tuple[list[Walked], list[tuple[float, float]]]:
+    """Return each trace reckoned with the constants of ``GRID`` that are best on all others, and which those are.
+
+    The best have the least mean error, without sign, of the headings of all legs over ``LEG``: there are more of them
+    than of the long ones that are judged, and a mean hops less than a median.
+    """
+    told = [reckon(traces, _reckoner(ComplementaryFilter(compass_tau=tau), doubt)) for tau, doubt in GRID]
+    errors = [
+        [np.abs(heading_errors(*pair, longer=LEG)) for pair in zip(traces, walked, strict=True)] for walked in told
+    ]
+    sums = np.array([[np.nansum(error) for error in cell] for cell in errors])
+    best = np.argmin(sums.sum(axis=1, keepdims=True) - sums, axis=0)
+    return [told[cell][trace] for trace, cell in enumerate(best)], [GRID[cell] for cell in best]
 
 
 def rival_headings(traces: Sequence[Trace]) -> dict[str, list[Walked]]:
@@ -33,15 +50,15 @@ def rival_headings(traces: Sequence[Trace]) -> dict[str, list[Walked]]:
     plain = reckon(traces)
     return {
         "rotation_vector": [_by_rotation_vector(*pair) for pair in zip(traces, plain, strict=True)],
-        "with_iron": reckon(traces, _reckoner(ComplementaryFilter(), iron=False)),
-        "thesis": reckon(traces, _reckoner(ComplementaryFilter(compass_tau=0.98), iron=False)),
-        "mean_compass": reckon(traces, _reckoner(ComplementaryFilter(compass_tau=600.0), iron=False)),
-        "gradient_descent": reckon(traces, _reckoner(GradientDescentFilter())),
+        "with_iron": reckon(traces, _reckoner(ComplementaryFilter(), NEVER)),
+        "thesis": reckon(traces, _reckoner(ComplementaryFilter(compass_tau=0.98), NEVER)),
+        "mean_compass": reckon(traces, _reckoner(ComplementaryFilter(compass_tau=600.0), NEVER)),
+        "gradient_descent": reckon(traces, _reckoner(GradientDescentFilter(), HardIron.DOUBT)),
     }
 
 
-def _reckoner(attitude: Attitude, iron: bool = True) -> DeadReckoner:
-    return DeadReckoner(NORTH, attitude=attitude, iron=HardIron() if iron else HardIron(doubt=NEVER))
+def _reckoner(attitude: Attitude, doubt: float) -> DeadReckoner:
+    return DeadReckoner(NORTH, attitude=attitude, iron=HardIron(doubt=doubt))
 
 
 def _by_rotation_vector(trace: Trace, walked: Walked) -> Walked:
