@@ -1,0 +1,53 @@
+"""The gate of dead reckoning: what is quick to measure again, on real recordings, may not get worse than stored."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.dead_reckoning import BARS, EXPERIMENT, mall
+from benchmarks.result import read_figures
+from benchmarks.step_recordings import detect, read_recordings
+from benchmarks.step_table import figures_of, tally
+from services.gateway.steps.gated_peaks import GatedPeaks
+from shared.walking.stride import PER_BOUNCE, PER_CADENCE, USUAL_LENGTH
+
+LOWER_IS_BETTER = ("leg_error", "heading_error_deg", "heading_error_p90_deg", "turn_error_deg", "end_drift")
+
+
+@pytest.fixture(scope="module")
+def legs(data_folder: Path) -> dict[str, float]:
+    return mall(data_folder, rivals=False).figures
+
+
+@pytest.mark.parametrize("figure", LOWER_IS_BETTER)
+def test_what_the_malls_legs_say_has_not_got_worse(legs: dict[str, float], figure: str) -> None:
+    stored = read_figures("dead-reckoning")[figure]
+    share = 0.0 if figure.endswith("_deg") else 0.005
+    assert legs[figure] <= max(1.02 * stored, stored + share), f"{figure} rose from {stored} to {legs[figure]}"
+
+
+def test_what_is_said_of_the_errors_is_true(legs: dict[str, float]) -> None:
+    assert legs["end_nees_low"] <= legs["end_nees"] <= legs["end_nees_high"]
+    for figure in ("leg_within_2_sigma", "heading_within_2_sigma"):
+        assert 0.93 <= legs[figure] <= 1.0
+
+
+def test_the_stride_that_ships_is_the_one_that_the_traces_give(legs: dict[str, float]) -> None:
+    assert legs["stride_level"] == pytest.approx(USUAL_LENGTH, abs=0.01)
+    assert legs["stride_per_cadence"] == pytest.approx(PER_CADENCE, abs=0.03)
+    assert legs["stride_per_bounce"] == pytest.approx(PER_BOUNCE, abs=0.03)
+
+
+def test_the_detector_that_ships_keeps_the_bars_on_every_position(data_folder: Path) -> None:
+    recordings = read_recordings()
+    figures = figures_of(tally(detect(GatedPeaks(), recordings), recordings))
+    missed = [name for name, value in figures.items() if name in EXPERIMENT.at_most and value > BARS[name]]
+    missed += [name for name, value in figures.items() if name in EXPERIMENT.at_least and value < BARS[name]]
+    assert not missed, {name: figures[name] for name in missed}
+
+
+def test_every_figure_with_a_bar_is_stored_and_keeps_it() -> None:
+    stored = read_figures("dead-reckoning")
+    assert not EXPERIMENT.missed(stored)
+    assert np.isfinite([stored[name] for name in BARS]).all()
