@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from typing import ClassVar
@@ -27,6 +28,9 @@ from shared.settings import ServiceSettings
 
 __all__ = ["GatewayService"]
 
+SWITCH_INTERVAL = 0.0005
+"""Seconds between Python's threads: a request must not wait for other phones' arithmetic. Usual is 0.005."""
+
 
 class GatewayService(Service[GatewaySettings]):
     """Takes the batches of phones, publishes RadioScan and MotionBatch, tells phones where they are."""
@@ -40,6 +44,7 @@ class GatewayService(Service[GatewaySettings]):
         Raises:
             ServiceError: the database, the consent text or the certificate cannot be used, or the port is taken.
         """
+        sys.setswitchinterval(SWITCH_INTERVAL)
         settings = self.settings
         consent = read_consent(settings.consent_file)
         url = settings.database_url.get_secret_value()

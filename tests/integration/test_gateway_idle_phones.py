@@ -12,7 +12,8 @@ from services.gateway.errors import RequestError
 from services.gateway.phones.batch_check import Limits
 from services.gateway.phones.phone_book import PhoneBook
 from shared.bus import Bus
-from shared.messages import Message, RadioScan
+from shared.keys import Keys
+from shared.messages import Message, RadioScan, StrideModel
 from shared.site import load_site
 
 DEVICE = Registered("d-1", "hand")
@@ -117,3 +118,39 @@ def test_a_forgotten_phone_is_not_taken_in_again_by_a_batch_that_was_on_its_way(
             phones.post(DEVICE, body(1), time.time())
         assert caught.value.status == 401
         assert not phones._entries
+
+
+def test_one_bad_batch_of_a_group_hurts_no_other_and_a_phones_own_come_one_after_the_other(
+    zenoh_router: str, site_file: Path
+) -> None:
+    site = load_site(site_file)
+    with Bus([zenoh_router]) as bus, PhoneBook(site, bus, Limits(), idle=10.0) as phones:
+        inbox = bus.inbox()
+        inbox.subscribe(f"atrium/1/{site.site}/device/*/radio", RadioScan)
+        bodies = [body(0), b"{", body(1), body(1), body(2)]
+        waiting = [phones.submit(DEVICE, each, time.time()) for each in bodies]
+        assert [waiting[k].result(10.0).duplicate for k in (0, 2, 3, 4)] == [False, False, True, False]
+        with pytest.raises(RequestError):
+            waiting[1].result(10.0)
+        told: list[int] = []
+
+        def all_told() -> bool:
+            told.extend(d.message.seq for d in inbox.receive(0.1) if isinstance(d.message, RadioScan))
+            return len(told) >= 3
+
+        wait_until(all_told, 5, "three scans")
+        assert told == [0, 1, 2]
+
+
+def test_a_learned_stride_model_is_used_for_its_person(zenoh_router: str, site_file: Path) -> None:
+    site = load_site(site_file)
+    with Bus([zenoh_router]) as bus, PhoneBook(site, bus, Limits(), idle=10.0) as phones:
+        phones.post(DEVICE, body(0), time.time())
+        publisher = bus.publisher(Keys(site.site).stride_model(DEVICE.id), StrideModel, cached=True)
+        publisher.publish(StrideModel(t=1.0, device=DEVICE.id, version=2, slope=0.4, offset=0.1, scale_variance=0.001))
+        line = wait_until(lambda: phones._entries[DEVICE.id].phone.walk.line, 10, "the model")
+        assert (float(line.slope), float(line.offset)) == (0.4, 0.1)
+        phones.rest(time.monotonic() + 11.0)
+        assert phones._entries[DEVICE.id].phone.walk.line is line
+        phones.forget(DEVICE.id)
+        assert DEVICE.id not in phones._models

@@ -94,3 +94,20 @@ def test_batches_that_overtake_each_other_are_all_taken_and_ancient_ones_count_a
             Batch(sent=100.0, seq=seq, radio=[scan(99.0, _01=-50.0)]), 100.0, Limits(), RECKONER
         ).duplicate
     assert to.take(Batch(sent=100.0, seq=5, radio=[scan(99.0, _01=-50.0)]), 100.0, Limits(), RECKONER).duplicate
+
+
+def test_what_was_measured_too_long_ago_is_marked_late_message_by_message() -> None:
+    to = Phone("d-1", ADDRESSES, "hand", lateness=5.0)
+    batch = Batch(sent=100.0, seq=0, radio=[scan(90.0, _01=-50.0), scan(99.0, _01=-50.0)])
+    assert to.take(batch, 100.0, Limits(), RECKONER).late
+    assert [message.late for message in to.outbox] == [True, False]
+    assert not to.take(Batch(sent=101.0, seq=1, radio=[scan(100.0, _01=-50.0)]), 101.0, Limits(), RECKONER).late
+
+
+def test_a_phone_without_gyroscope_or_compass_is_taken() -> None:
+    to = phone()
+    for second in range(12):
+        imu = walking(second, 1e9)
+        bare = InertialColumns(t=imu.t, ax=imu.ax, ay=imu.ay, az=imu.az, gx=[], gy=[], gz=[])
+        to.take(Batch(sent=1e9 + second + 1, seq=second, imu=bare), 1e9 + second + 1, Limits(), RECKONER)
+    assert sum(len(m.step_t) for m in to.outbox if isinstance(m, MotionBatch)) >= 16
