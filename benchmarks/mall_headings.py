@@ -12,20 +12,19 @@ from scipy.spatial.transform import Rotation
 from benchmarks.mall_reckoning import LEG, Walked, heading_errors, reckon
 from benchmarks.mall_traces import NORTH, Trace
 from services.gateway.reckoning.attitude import Attitude
+from services.gateway.reckoning.calibration import Calibration
 from services.gateway.reckoning.complementary import ComplementaryFilter
 from services.gateway.reckoning.dead_reckoning import DeadReckoner
 from services.gateway.reckoning.gradient_descent import GradientDescentFilter
 from services.gateway.reckoning.hand_heading import pointing
-from services.gateway.reckoning.hard_iron import HardIron
 from services.gateway.reckoning.plan_heading import plan_heading
 
 __all__ = ["chosen_headings", "rival_headings"]
 
 Array = NDArray[np.float64]
 
-NEVER = 1e9
-GRID = [(tau, doubt) for tau in (1.0, 5.0, 15.0, 30.0) for doubt in (1.0, 3.0, 10.0, NEVER)]
-"""Time constants of the compass, s, and doubts of the iron, s, among which is chosen; the last leaves the iron in."""
+GRID = [(tau, iron) for tau in (1.0, 5.0, 15.0, 30.0) for iron in (0.0, 3.0, 6.0, 10.0)]
+"""Time constants of the compass, s, and sizes of the iron, µT, among which is chosen; the first leaves the iron in."""
 REACH = 0.5
 """s on either side of a step over which the phone's own rotation vector is averaged, as the gateway does."""
 
@@ -36,7 +35,7 @@ def chosen_headings(traces: Sequence[Trace]) -> tuple[list[Walked], list[tuple[f
     The best have the least mean error, without sign, of the headings of all legs over ``LEG``: there are more of them
     than of the long ones that are judged, and a mean hops less than a median.
     """
-    told = [reckon(traces, _reckoner(ComplementaryFilter(compass_tau=tau), doubt)) for tau, doubt in GRID]
+    told = [reckon(traces, _reckoner(ComplementaryFilter(compass_tau=tau), iron, tau)) for tau, iron in GRID]
     errors = [
         [np.abs(heading_errors(*pair, longer=LEG)) for pair in zip(traces, walked, strict=True)] for walked in told
     ]
@@ -50,15 +49,15 @@ def rival_headings(traces: Sequence[Trace]) -> dict[str, list[Walked]]:
     plain = reckon(traces)
     return {
         "rotation_vector": [_by_rotation_vector(*pair) for pair in zip(traces, plain, strict=True)],
-        "with_iron": reckon(traces, _reckoner(ComplementaryFilter(), NEVER)),
-        "thesis": reckon(traces, _reckoner(ComplementaryFilter(compass_tau=0.98), NEVER)),
-        "mean_compass": reckon(traces, _reckoner(ComplementaryFilter(compass_tau=600.0), NEVER)),
-        "gradient_descent": reckon(traces, _reckoner(GradientDescentFilter(), HardIron.DOUBT)),
+        "with_iron": reckon(traces, _reckoner(ComplementaryFilter(), 0.0)),
+        "thesis": reckon(traces, _reckoner(ComplementaryFilter(compass_tau=0.98), 0.0)),
+        "mean_compass": reckon(traces, _reckoner(ComplementaryFilter(compass_tau=600.0), 0.0)),
+        "gradient_descent": reckon(traces, DeadReckoner(NORTH, attitude=GradientDescentFilter())),
     }
 
 
-def _reckoner(attitude: Attitude, doubt: float) -> DeadReckoner:
-    return DeadReckoner(NORTH, attitude=attitude, iron=HardIron(doubt=doubt))
+def _reckoner(attitude: Attitude, iron: float, tau: float = 15.0) -> DeadReckoner:
+    return DeadReckoner(NORTH, attitude=attitude, calibration=Calibration(iron, tau))
 
 
 def _by_rotation_vector(trace: Trace, walked: Walked) -> Walked:

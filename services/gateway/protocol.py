@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from services.gateway.reckoning.carrying import Carrying
 from shared.messages import Covariance, InertialColumns
 
 __all__ = [
@@ -41,7 +42,6 @@ __all__ = [
     "ZoneName",
 ]
 
-Carrying = Literal["hand", "pocket", "bag", "unknown"]
 Scope = Literal["post", "read", "manage"]
 
 

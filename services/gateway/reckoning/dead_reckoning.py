@@ -1,7 +1,8 @@
 """Where did the phones' steps lead? Inertial samples of many phones in, steps with length and heading out.
 
-The order of work on a hop: gyro bias, hard iron, attitude, steps, then for each step its heading and its length, and
-the turns. Every algorithm is one file with a ``STATE``; the states of one phone are one record, in ``Walk``.
+The order of work on a hop: calibration of gyroscope and compass, attitude, steps, then for each step its heading and
+its length, and the turns. Every algorithm is one file with a ``STATE``; the states of one phone are one record, in
+``Walk``.
 """
 
 from __future__ import annotations
@@ -14,11 +15,10 @@ from numpy.typing import NDArray
 
 from services.gateway.reckoning.attitude import Attitude
 from services.gateway.reckoning.bounce import bounce
+from services.gateway.reckoning.calibration import Calibration
 from services.gateway.reckoning.carrying import Carrying, CarryingDetection
 from services.gateway.reckoning.complementary import ComplementaryFilter, trusted_field
-from services.gateway.reckoning.gyro_bias import GyroBias
 from services.gateway.reckoning.hand_heading import HandHeading
-from services.gateway.reckoning.hard_iron import HardIron
 from services.gateway.reckoning.hops import RATE, Array, Hops, State
 from services.gateway.reckoning.plan_heading import plan_heading
 from services.gateway.reckoning.pocket_heading import PocketHeading
@@ -59,7 +59,7 @@ class DeadReckoner:
         detectors: which step detector for which way of carrying.
         hand: heading of steps whose phone is held.
         pocket: heading of steps whose phone is in a pocket.
-        iron: what takes the phone's own iron out of the field.
+        calibration: what takes the gyroscope's bias and the phone's own iron out.
     """
 
     def __init__(
@@ -69,12 +69,11 @@ class DeadReckoner:
         detectors: Mapping[Carrying, StepDetector] | None = None,
         hand: StepHeading | None = None,
         pocket: StepHeading | None = None,
-        iron: HardIron | None = None,
+        calibration: Calibration | None = None,
     ) -> None:
         self._north = north
         self._attitude = attitude or ComplementaryFilter()
-        self._bias = GyroBias()
-        self._iron = iron or HardIron()
+        self._calibration = calibration or Calibration()
         self._walking = WalkingDetection()
         self._carrying = CarryingDetection()
         self._turns = TurnDetection()
@@ -87,9 +86,8 @@ class DeadReckoner:
 
     def _record(self, carrying: Carrying) -> np.dtype[np.void]:
         states = {
-            "bias": self._bias.STATE,
+            "calibration": self._calibration.STATE,
             "walked": _WALKED,
-            "iron": self._iron.STATE,
             "attitude": self._attitude.STATE,
             "recent": RECENT,
             "detector": self._detectors[carrying].STATE,
@@ -146,7 +144,7 @@ class DeadReckoner:
         bytes_ = np.stack([walk.record for walk in walks if walk.record is not None])
         record = bytes_.view(dtype)[:, 0]
         for name in dtype.names or ():
-            if name not in ("bias", "iron"):
+            if name != "calibration":
                 record[name][hops.fresh] = np.zeros((), dtype[name])
         motions = self._reckon(carrying, walks, record, hops)
         for row, walk in zip(bytes_, walks, strict=True):
@@ -154,8 +152,7 @@ class DeadReckoner:
         return motions
 
     def _reckon(self, carrying: Carrying, walks: Sequence[Walk], record: State, hops: Hops) -> list[Motion]:
-        rate = self._bias.advance(record["bias"], hops)
-        hops = self._iron.advance(record["iron"], hops, rate)
+        rate, hops = self._calibration.advance(record["calibration"], hops)
         attitude = self._attitude.advance(record["attitude"], hops, rate)
         recent = remember(record["recent"], hops, rate, attitude)
         steps = self._detectors[carrying].advance(record["detector"], hops)
@@ -172,8 +169,8 @@ class DeadReckoner:
             cadence = _cadence(walked["last_step"], steps)
             bounces = np.where(in_pocket[steps.phone], np.nan, bounce(recent, steps))
             lengths = step_lengths(cadence, bounces, _lines(walks, steps.phone))
-            iron = self._iron.heading_variance(record["iron"])
-            headings = _more_doubtful(self._headings(record, recent, steps, in_pocket), iron[steps.phone])
+            doubt = self._calibration.heading_variance(record["calibration"])
+            headings = _more_doubtful(self._headings(record, recent, steps, in_pocket), doubt[steps.phone])
             blind = (walked["compass"] < COMPASS_SECONDS) | (carrying == "bag")  # how a bag swings nobody has measured
             stepped = _Stepped(steps, lengths, _admitted(headings, blind[steps.phone]))
             _count_walks(walks, walked, steps)
