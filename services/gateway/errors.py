@@ -49,7 +49,7 @@ def read_json(body: bytes, kind: type[S]) -> S:
         value: S = decoder.decode(body)
     except msgspec.ValidationError as error:
         _refuse_value(str(error))
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         _refuse_text(body, str(error))
     return value
 

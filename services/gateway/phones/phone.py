@@ -31,6 +31,9 @@ class Intake:
     clock_drift: float
     samples: InertialSamples | None = None
     """Still to be advanced."""
+    seq: int = -1
+    radio: Sequence[RadioReadings] = ()
+    """Still to be told."""
     used_samples: int = 0
     scans: int = 0
     readings: int = 0
@@ -52,7 +55,7 @@ class Phone:
     """The state of one phone: a pure state machine, a batch in, messages for the bus into ``outbox``.
 
     A batch is taken in two steps, ``admit`` and ``tell``; between them the dead reckoning of many phones is advanced at
-    once. ``take`` does all of it for one phone.
+    once. One that was not told counts as never seen. ``take`` does all of it for one phone.
 
     Args:
         device: its id.
@@ -74,6 +77,8 @@ class Phone:
         self.outbox: deque[RadioScan | MotionBatch] = deque()
         """What is neither on the bus nor stored; a batch is acknowledged only when this is empty."""
         self.walk = Walk(carrying, line)
+        self.failed = False
+        """Whether dead reckoning failed on its last batch: the next is advanced apart from those of other phones."""
         self._access_points = access_points
         self._lateness = lateness
         self._clock = ClockAligner()
@@ -89,14 +94,16 @@ class Phone:
             RequestError: the batch is refused; nothing of it was used.
         """
         intake = self.admit(batch, received, limits)
-        if intake.samples is not None:
+        if not intake.duplicate:
             before = self.walk.late
-            (motions,) = reckoner.advance([self.walk], [intake.samples])
+            motions: Sequence[Motion] = ()
+            if intake.samples is not None:
+                (motions,) = reckoner.advance([self.walk], [intake.samples])
             self.tell(intake, motions, self.walk.late - before)
         return intake
 
     def admit(self, batch: Batch, received: float, limits: Limits) -> Intake:
-        """Check one batch and use all of it but the inertial samples, which stand in the intake.
+        """Check one batch and learn the phone's clock from it; what else it holds stands in the intake.
 
         Raises:
             RequestError: the batch is refused; nothing of it was used.
@@ -106,20 +113,20 @@ class Phone:
         offset = self._clock.observe(batch.sent, received, echo)
         if batch.seq in self._seen or batch.seq <= self._highest - SEQ_WINDOW:
             return Intake(True, received, offset, self._clock.drift)
-        self._note(batch.seq)
-        intake = Intake(False, received, offset, self._clock.drift, samples, scans=len(batch.radio))
-        for scan in batch.radio:
-            self._take_scan(scan, intake)
-        return intake
+        return Intake(False, received, offset, self._clock.drift, samples, batch.seq, batch.radio)
 
     def tell(self, intake: Intake, motions: Sequence[Motion], dropped: int) -> None:
-        """Put what dead reckoning made of a batch into the outbox.
+        """Note a batch as seen; put its scans and what dead reckoning made of it into the outbox.
 
         Args:
-            intake: of the batch.
+            intake: of the batch, which is no duplicate.
             motions: what its samples came to.
             dropped: how many of its samples were too late to be used.
         """
+        self._note(intake.seq)
+        for scan in intake.radio:
+            self._take_scan(scan, intake)
+        intake.scans, intake.radio = len(intake.radio), ()
         samples, intake.samples = intake.samples, None
         intake.used_samples = (0 if samples is None else len(samples.t)) - dropped
         intake.ignore("samples whose time had passed", dropped)

@@ -6,7 +6,7 @@ import asyncio
 import threading
 import time
 from collections import Counter as Tally
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ from services.gateway.phones.group_worker import FullError, GroupWorker
 from services.gateway.phones.phone import LATENESS, Intake, Phone
 from services.gateway.phones.spool import Spool
 from services.gateway.protocol import Batch, BatchReply, FieldError
-from services.gateway.reckoning.dead_reckoning import Carrying, DeadReckoner
+from services.gateway.reckoning.dead_reckoning import Carrying, DeadReckoner, Motion
 from shared.bus import Bus
 from shared.keys import Keys
-from shared.messages import Erasure, StrideModel
+from shared.messages import StrideModel
 from shared.site import Site
 from shared.walking.stride import StrideLine
 
@@ -89,7 +89,6 @@ class PhoneBook:
         spool: Spool | None = None,
         lateness: float = LATENESS,
     ) -> None:
-        self._bus = bus
         self._keys = Keys(site.site)
         self._limits = limits
         self._idle = idle
@@ -103,7 +102,6 @@ class PhoneBook:
         self._news.subscribe(self._keys.stride_model(), StrideModel, cached=True)
         self._looked = 0.0
         self._forgotten: OrderedDict[str, None] = OrderedDict()
-        self._untold: deque[str] = deque()
         self._lock = threading.Lock()
         """Of what is forgotten."""
         self._worker: GroupWorker[_Posted, BatchReply] = GroupWorker(self._work, WAITING, self._look_after, "phones")
@@ -144,9 +142,6 @@ class PhoneBook:
             if len(self._forgotten) > FORGOTTEN_KEPT:
                 self._forgotten.popitem(last=False)
         self._worker.call(lambda: self._drop(device))
-        with self._lock:
-            self._untold.append(device)
-        self._tell_erasures()
 
     def has_forgotten(self, device: str) -> bool:
         """Whether this device's consent was withdrawn here."""
@@ -155,7 +150,6 @@ class PhoneBook:
 
     def rest(self, now: float) -> None:
         """Let idle phones cost nothing; ``now`` is monotonic. After twelve times as long they are forgotten whole."""
-        self._tell_erasures()
         self._worker.call(lambda: self._rest(now))
 
     def close(self) -> None:
@@ -190,11 +184,11 @@ class PhoneBook:
     def _work_on_phones(self, posted: Sequence[_Posted]) -> list[BatchReply | Exception]:
         """Answer one batch each of some phones."""
         taken = [self._admit(entry) for entry in posted]
-        self._reckon([one for one in taken if isinstance(one, _Taken) and one.intake.samples is not None])
+        self._use([one for one in taken if isinstance(one, _Taken) and not one.intake.duplicate])
         self._dispatcher.send([one.phone for one in taken if isinstance(one, _Taken) and one.phone.outbox])
         return [one.answer() if isinstance(one, _Taken) else one for one in taken]
 
-    def _admit(self, posted: _Posted) -> _Taken | RequestError:
+    def _admit(self, posted: _Posted) -> _Taken | Exception:
         try:
             batch = read_json(posted.batch, Batch) if isinstance(posted.batch, bytes) else posted.batch
             entry = self._entry(posted.owner)
@@ -203,10 +197,25 @@ class PhoneBook:
             return _Taken(entry.phone, batch.seq, entry.phone.admit(batch, posted.received, self._limits))
         except RequestError as error:
             return error
+        except Exception as error:  # ours, and no other phone's loss
+            log.exception("a batch could not be looked at", device=posted.owner.id)
+            return error
 
-    def _reckon(self, taken: Sequence[_Taken]) -> None:
-        if not taken:
-            return
+    def _use(self, taken: Sequence[_Taken]) -> None:
+        """Advance and tell batches of different phones; one that fails is not told, so that it may be sent again."""
+        with_samples = [one for one in taken if one.intake.samples is not None]
+        together = [one for one in with_samples if not one.phone.failed]
+        alone = [one for one in with_samples if one.phone.failed]
+        if together and not self._reckon(together):
+            alone += together
+        for one in alone:
+            self._reckon([one])
+        for one in taken:
+            if one.failure is None:
+                one.phone.tell(one.intake, one.motions, one.dropped)
+
+    def _reckon(self, taken: Sequence[_Taken]) -> bool:
+        """Advance walks; where that fails they begin anew, and False is returned."""
         walks = [one.phone.walk for one in taken]
         before = [walk.late for walk in walks]
         try:
@@ -218,9 +227,12 @@ class PhoneBook:
             for one in taken:
                 one.phone.rest()
                 one.failure = error
-            return
+                one.phone.failed = len(taken) == 1
+            return False
         for one, motions, walk, late in zip(taken, told, walks, before, strict=True):
-            one.phone.tell(one.intake, motions, walk.late - late)
+            one.failure, one.phone.failed = None, False
+            one.motions, one.dropped = motions, walk.late - late
+        return True
 
     def _entry(self, owner: Registered) -> _Entry:
         # A batch may have been authorised before the consent was withdrawn and come to its end only now.
@@ -285,17 +297,6 @@ class PhoneBook:
         self._dispatcher.forget(device)
         PHONES.set(len(self._entries))
 
-    def _tell_erasures(self) -> None:
-        """Tell everybody whom to forget; what cannot be told while the bus is away is told by ``rest`` later."""
-        while self._bus.connected:
-            with self._lock:
-                if not self._untold:
-                    return
-                device = self._untold.popleft()
-            publisher = self._bus.publisher(self._keys.erasure(device), Erasure)
-            publisher.publish(Erasure(t=time.time(), device=device))
-            publisher.close()
-
 
 @dataclass(slots=True)
 class _Taken:
@@ -304,6 +305,9 @@ class _Taken:
     phone: Phone
     seq: int
     intake: Intake
+    motions: Sequence[Motion] = ()
+    dropped: int = 0
+    """Samples too late to be used."""
     failure: Exception | None = None
 
     def answer(self) -> BatchReply | Exception:
