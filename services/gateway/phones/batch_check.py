@@ -31,6 +31,8 @@ LARGEST = {
     for compass in (False, True)
 }
 """By whether there is a gyroscope and a compass: (columns, 1)."""
+SLOWEST = 0.2
+"""s between samples, by the median: 5 Hz; between fewer nobody could tell steps."""
 ENOUGH_FOR_UNITS = 50
 """Samples whose mean tells in which unit they are."""
 GRAVITY_BETWEEN = (4.0, 30.0)
@@ -106,6 +108,12 @@ def _check_imu(imu: InertialColumns, sent: float, limits: Limits) -> InertialSam
     if not (t.min() >= _earliest(sent, limits) and t.max() <= sent + AHEAD):
         index = int(np.argmin((t >= _earliest(sent, limits)) & (t <= sent + AHEAD)))
         _refuse_time(float(t[index]), f"imu.t[{index}]", sent, limits)
+    spacing = np.diff(np.sort(t))
+    if 2 * np.count_nonzero(spacing > SLOWEST) > len(spacing):
+        usual = f"{np.median(spacing):.3g} s apart (median)"
+        refuse(
+            "imu.t", "samples are too far apart", usual, f"at most {SLOWEST:g} s; 50 to 100 samples a second are best"
+        )
     values = _array(chain.from_iterable(columns), len(columns) * count).reshape(-1, count)
     allowed = np.abs(values) <= LARGEST[turned, compass]  # False for NaN
     if not allowed.all():

@@ -19,6 +19,9 @@ WAIT = 0.3
 CLOCK_BACK = 5.0
 """A sample this many seconds before one that came earlier means that the phone's clock was set back."""
 
+FEWEST = 5
+"""Samples without a hole between them that are worth a hop: 0.1 s of them; fewer are dropped."""
+
 _GAP = int(LONGEST_GAP * RATE)
 _FIELD = slice(6, 9)
 _MOST = 1000  # samples kept without looking at them
@@ -211,15 +214,20 @@ class Resampler:
     def _cut(self, until: int) -> list[SingleHop]:
         """Return the hops before bin ``until`` that are complete or end in a hole, and forget what they used."""
         hops: list[SingleHop] = []
+        if not len(self._index):
+            return hops
+        ends = until > int(self._index[-1]) + _GAP
+        self._drop_islands(ends)
         index, means = self._index, self._means
         holes = np.append(np.flatnonzero(index[1:] - index[:-1] > _GAP), len(index) - 1)
-        ends = until > index[-1] + _GAP if len(index) else False
         low = 0
         while low < len(index):
             if self._start is None:
                 self._start, self._fresh = int(index[low]), True
             hole = int(holes[np.searchsorted(holes, low)])  # the last row before the next hole
             stop = self._start + HOP
+            if self._fresh and hole - low + 1 < FEWEST:
+                break  # more may follow
             if index[hole] >= stop - 1:
                 hops.append(self._hop(self._start, index[low : hole + 1], means[low : hole + 1], HOP))
                 low = int(np.searchsorted(index, stop - 1, side="right")) - 1
@@ -233,6 +241,20 @@ class Resampler:
                 break
         self._index, self._means = index[low:], means[low:]
         return hops
+
+    def _drop_islands(self, ends: bool) -> None:
+        """Forget samples between two holes that are too few for a hop; the last ones only if a hole follows them."""
+        index = self._index
+        holes = np.append(np.flatnonzero(index[1:] - index[:-1] > _GAP), len(index) - 1)
+        sizes = np.diff(holes, prepend=-1)
+        few = sizes < FEWEST
+        few[0] &= self._start is None or self._fresh
+        few[-1] &= ends
+        if few[0]:
+            self._start = None
+        if few.any():
+            kept = np.repeat(~few, sizes)
+            self._index, self._means = index[kept], self._means[kept]
 
     def _hop(self, start: int, index: NDArray[np.int64], means: Array, count: int) -> SingleHop:
         even = np.minimum(np.arange(start, start + HOP), start + count - 1)

@@ -69,6 +69,7 @@ def g_units() -> dict[str, Any]:
         (with_imu(t=[]), "imu.t"),
         (with_imu(**{name: [9.0] * 101 for name in good()["imu"]} | {"t": [99.0] * 101}), "imu.t"),
         (with_imu(t=[99.9, -5.0]), "imu.t[1]"),
+        (with_imu(t=[99.6, 99.99]), "imu.t"),
         (with_imu(t=[99.9, 86_500.0]), "imu.t[1]"),
         (with_imu(ay=[500.0, 0.0]), "imu.ay[0]"),
         (with_imu(gx=[0.0, 180.0]), "imu.gx[1]"),

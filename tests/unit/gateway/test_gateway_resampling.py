@@ -162,6 +162,17 @@ def test_an_hour_at_once_is_no_slower_than_its_samples() -> None:
     assert len(run(samples(t, np.zeros((len(t), 9))))) == 3600
 
 
+def test_samples_too_sparse_to_tell_anything_lead_to_no_hops() -> None:
+    assert run(samples(1e9 + 0.33 * np.arange(10_000), np.zeros((10_000, 9)))) == []
+
+
+def test_a_few_samples_between_two_holes_are_dropped_and_more_are_not() -> None:
+    t = 1e9 + np.arange(0, 6, 0.02) + 0.01
+    few, more = ((t > 1e9 + begin) & (t < 1e9 + begin + 0.02 * count) for begin, count in ((2.0, 4), (3.0, 5)))
+    hops = run(samples(t[(t < 1e9 + 1.0) | few | more | (t > 1e9 + 4.0)]))
+    assert [(hop.count, hop.fresh) for hop in hops] == [(50, True), (5, True), (50, True), (50, False)]
+
+
 def test_it_can_be_put_away_and_taken_up_again() -> None:
     whole = samples(1e9 + np.arange(0, 5, 0.01))
     resampler = Resampler()
