@@ -160,6 +160,17 @@ def test_the_state_is_small_and_can_be_kept(detector: StepDetector) -> None:
         np.testing.assert_array_equal(one.t, other.t)
 
 
+def test_nothing_depends_on_when_the_clock_began(detector: StepDetector) -> None:
+    """A phone's clock may count from its start or from 1970; the walk begins with the clock."""
+    hops = hops_of([walk(1.8)[int(REST * RATE) :]])
+    told = []
+    for epoch in (0.0, 1.7e9):
+        (steps,) = steps_of(detector, [dataclasses.replace(hop, t=hop.t - FIRST + epoch) for hop in hops])
+        told.append(steps - epoch)
+    assert len(told[0]) > 20
+    np.testing.assert_allclose(told[0], told[1], atol=1e-5)
+
+
 def test_every_way_of_carrying_has_a_detector() -> None:
     assert set(SHIPPED) == {"hand", "pocket", "bag", "unknown"}
     assert set(SHIPPED.values()) <= set(DETECTORS)

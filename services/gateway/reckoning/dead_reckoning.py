@@ -158,7 +158,8 @@ class DeadReckoner:
         steps = self._detectors[carrying].advance(record["detector"], hops)
         since = self._walking.advance(record["walking"], hops)
         walked = record["walked"]
-        lately = steps.walking | (walked["last_step"] > hops.t - TURN_AFTER_STEP)
+        since_step = np.where(walked["last_step"] > 0.0, hops.t - walked["last_step"], np.inf)
+        lately = steps.walking | (since_step < TURN_AFTER_STEP)
         turns = self._turns.advance(record["turns"], hops, attitude, lately)
         walked["compass"] += trusted_field(hops.field).sum(axis=1) / RATE
         in_pocket = np.full(len(walks), carrying in ("pocket", "bag"))
@@ -177,7 +178,8 @@ class DeadReckoner:
         norm = np.sqrt(np.einsum("pni,pni->pn", hops.acceleration, hops.acceleration))
         # By the second, of the step counter recordings: 97 % of walking and 5 % of handling are told as walking; by the
         # spectrum alone it would be 93 and 13 %.
-        moves = steps.walking | (np.isfinite(since) & (walked["last_step"] > hops.t - 1.0))
+        since_step = np.where(walked["last_step"] > 0.0, hops.t - walked["last_step"], np.inf)
+        moves = steps.walking | (np.isfinite(since) & (since_step < 1.0))
         return self._motions(walks, hops, moves, norm.std(axis=1) < STILL_SIGMA, stepped, turns)
 
     def _headings(self, record: State, recent: Recent, steps: Steps, in_pocket: NDArray[np.bool_]) -> StepHeadings:
@@ -263,12 +265,13 @@ def _cadence(last_step: Array, steps: Steps) -> Array:
     """Return steps per second (m,) from the time since the step before; at the beginning, from what comes next."""
     first = np.diff(steps.phone, prepend=-1) != 0
     interval = np.diff(steps.t, prepend=np.nan)
-    interval[first] = steps.t[first] - last_step[steps.phone[first]]
-    follows = (interval > INTERVALS[0]) & (interval < INTERVALS[1])
+    before = last_step[steps.phone[first]]
+    interval[first] = np.where(before > 0.0, steps.t[first] - before, np.nan)
+    interval = np.where((interval > INTERVALS[0]) & (interval < INTERVALS[1]), interval, np.nan)
     after = np.append(np.where(first[1:], np.nan, interval[1:]), np.nan)
-    after = np.where(np.isfinite(after), after, steps.period[steps.phone])
-    interval = np.where(follows, interval, np.where(after > 0.0, after, np.nan))
-    return 1.0 / interval
+    interval = np.where(np.isfinite(interval), interval, after)
+    period = steps.period[steps.phone]
+    return 1.0 / np.where(np.isfinite(interval), interval, np.where(period > 0.0, period, np.nan))
 
 
 def _lines(walks: Sequence[Walk], phone: NDArray[np.int64]) -> StrideLine | None:
@@ -307,7 +310,7 @@ def _count_walks(walks: Sequence[Walk], walked: State, steps: Steps) -> None:
     first = np.flatnonzero(np.diff(steps.phone, prepend=-1))
     phones = steps.phone[first]
     last = walked["last_step"][phones]
-    anew = (last == 0.0) | (steps.t[first] - last > LONG_STOP)
+    anew = (last <= 0.0) | (steps.t[first] - last > LONG_STOP)
     for phone in phones[anew]:
         walks[phone].walks += 1
     walked["last_step"][steps.phone] = steps.t

@@ -11,7 +11,7 @@ from scipy.signal import butter, group_delay, sos2tf, sosfilt, sosfilt_zi
 from services.gateway.reckoning.hops import HOP, RATE, Array, Hops, State
 from services.gateway.steps.detector import LONGEST_DELAY, Steps
 from services.gateway.steps.rhythm import rhythm
-from services.gateway.steps.spacing import spaced
+from services.gateway.steps.spacing import CLOCK_STEP, spaced
 
 __all__ = ["GatedPeaks"]
 
@@ -24,6 +24,8 @@ SHORT = int(1.5 * RATE)
 REMEMBERED = 12
 """Peaks that wait until it is clear whether they are steps."""
 
+_UNKNOWN = 1e3
+"""s, between two peaks of which only one was."""
 _SOS = butter(2, BAND, "bandpass", fs=RATE, output="sos")
 _SETTLED = sosfilt_zi(_SOS)
 _DELAY = float(group_delay(sos2tf(_SOS), w=[1.8], fs=RATE)[1][0] + 1.0) / RATE
@@ -103,7 +105,8 @@ class GatedPeaks:
         starts |= (quick_run >= self.quick_peaks) & (correlation > self.quick_correlation)
         walked = state["walking"]
         starts &= ~walked
-        run = np.where(now - state["last_told"] < self.resume, state["count"], np.maximum(run, quick_run))
+        resumes = (state["last_told"] > 0.0) & (now - state["last_told"] < self.resume)
+        run = np.where(resumes, state["count"], np.maximum(run, quick_run))
         regular = correlation >= self.stop_correlation
         irregular = np.where(walked & ~regular, state["irregular"] + HOP / RATE, 0.0)
         silent = now - state["last_peak"] > self.silence
@@ -154,12 +157,13 @@ class GatedPeaks:
 
     def _regular_runs(self, state: State) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return how many of the newest waiting peaks are regular, (p,), and how many as a quick start wants them."""
-        intervals = np.diff(state["waiting"], axis=1)[:, ::-1]
+        waiting = state["waiting"]
+        intervals = np.where(waiting[:, :-1] > 0.0, np.diff(waiting, axis=1), _UNKNOWN)[:, ::-1]
         known = np.arange(1, REMEMBERED) < state["count"][:, None]
         runs = []
         for peaks, within in ((self.start_peaks, self.regular), (self.quick_peaks, self.quick_regular)):
             newest = np.sort(intervals[:, : peaks - 1], axis=1)
             middle = 0.5 * (newest[:, [(peaks - 2) // 2]] + newest[:, [(peaks - 1) // 2]])
-            fits = known & (np.abs(intervals - middle) <= within * middle) & (middle <= self.slowest)
+            fits = known & (np.abs(intervals - middle) <= within * middle + CLOCK_STEP) & (middle <= self.slowest)
             runs.append(1 + np.cumprod(fits, axis=1).sum(axis=1))
         return runs[0], runs[1]

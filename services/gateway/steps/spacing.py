@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 
 from services.gateway.reckoning.hops import Array
 
-__all__ = ["spaced"]
+__all__ = ["CLOCK_STEP", "spaced"]
+
+CLOCK_STEP = 1e-5
+"""s; what a clock that counts from 1970 cannot tell apart is no difference."""
 
 
 def spaced(phone: NDArray[np.int64], t: Array, last: Array, gap: Array) -> NDArray[np.bool_]:
@@ -16,7 +19,7 @@ def spaced(phone: NDArray[np.int64], t: Array, last: Array, gap: Array) -> NDArr
     Args:
         phone: (m,) rows, ascending.
         t: (m,) s, ascending for each phone.
-        last: (p,) s, when each phone's last one was; becomes that of the last one kept.
+        last: (p,) s, when each phone's last one was, 0 where there was none; becomes that of the last one kept.
         gap: (p,) s.
     """
     kept = np.zeros(len(phone), bool)
@@ -24,7 +27,7 @@ def spaced(phone: NDArray[np.int64], t: Array, last: Array, gap: Array) -> NDArr
     for rank in range(int(turn.max(initial=-1)) + 1):
         now = np.flatnonzero(turn == rank)
         rows = phone[now]
-        now = now[t[now] - last[rows] >= gap[rows]]
+        now = now[(last[rows] <= 0.0) | (t[now] - last[rows] >= gap[rows] - CLOCK_STEP)]
         last[phone[now]] = t[now]
         kept[now] = True
     return kept

@@ -89,7 +89,9 @@ class PersonalThresholds:
         phone, when = phone[kept], when[kept]
         count = np.bincount(phone, minlength=len(state))
         interval = (state["last"] - before) / np.maximum(count, 1)
-        state["period"] = np.where((count > 0) & (interval < _SLOWEST), interval, state["period"]) * walking
+        state["period"] = (
+            np.where((count > 0) & (before > 0.0) & (interval < _SLOWEST), interval, state["period"]) * walking
+        )
         return Steps(phone, when, walking, state["period"].copy())
 
 

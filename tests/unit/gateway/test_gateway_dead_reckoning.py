@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from services.gateway.reckoning.attitude import Attitude
 from services.gateway.reckoning.complementary import ComplementaryFilter
-from services.gateway.reckoning.dead_reckoning import Carrying, DeadReckoner, InertialSamples, Motion, Walk
+from services.gateway.reckoning.dead_reckoning import Carrying, DeadReckoner, InertialSamples, Motion, Walk, _cadence
 from services.gateway.reckoning.gradient_descent import GradientDescentFilter
 from services.gateway.reckoning.step_heading import UNKNOWN_VARIANCE
+from services.gateway.steps.detector import Steps
 from shared.walking.stride import StrideLine
 
 NORTH_UP = math.pi / 2
@@ -137,6 +138,20 @@ def test_phones_side_by_side_are_told_what_each_is_told_alone() -> None:
     for row, motions in enumerate(reckoner.finish(phones)):
         together[row] += motions
         assert_same(together[row], alone[row], atol=1e-6, rtol=1e-6)
+
+
+def test_nothing_depends_on_when_the_phones_clock_began() -> None:
+    early, late = (reckon([walk(0.0, corner=1.0, start=start + 0.005)]) for start in (0.0, 1.7e9))
+    assert [m.activity for m in early] == [m.activity for m in late]
+    np.testing.assert_allclose(steps_of(early), steps_of(late) - 1.7e9, atol=1e-4)
+    for name in ("length", "heading", "turn"):
+        one, other = (np.concatenate([getattr(m, name) for m in motions]) for motions in (early, late))
+        np.testing.assert_allclose(one, other, atol=1e-3)
+
+
+def test_a_step_that_follows_no_other_takes_its_cadence_from_the_next_unless_that_is_far() -> None:
+    steps = Steps(np.array([0, 0, 0]), np.array([100.0, 104.0, 104.5]), np.array([True]), np.array([0.6]))
+    np.testing.assert_allclose(_cadence(np.array([0.0]), steps), [1 / 0.6, 2.0, 2.0])
 
 
 def test_a_hole_of_ten_seconds_ends_one_walk_and_begins_another() -> None:
