@@ -21,7 +21,7 @@ from benchmarks.mall_traces import read_trace
 from benchmarks.reckoning_speed import walking
 from shared.settings import data_folder
 
-__all__ = ["Load", "Outcome", "bodies", "main"]
+__all__ = ["Load", "Outcome", "bodies", "drive"]
 
 RATE = 50
 WALKS = 8
@@ -195,7 +195,7 @@ class _Generator:
         return Outcome(dict(self._status), per_second, float(p50), float(p99), next_seq)
 
 
-def main() -> int:
+def drive() -> int:
     """Read a load, send it, write what became of it."""
     load = Load(**json.load(sys.stdin))
     outcome = uvloop.run(_Generator(load).run())
@@ -204,4 +204,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(drive())

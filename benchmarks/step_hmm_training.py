@@ -19,7 +19,7 @@ from benchmarks.step_recordings import MATCHED_WITHIN, Recording, best_lag, hops
 from services.gateway.steps.step_hmm import StepModel
 from services.gateway.steps.step_words import SYMBOLS, StepWords
 
-__all__ = ["STATES", "Words", "chosen_threshold", "main", "train", "trained"]
+__all__ = ["STATES", "Words", "chosen_threshold", "renew", "train", "trained"]
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ def trained(found: Words, chosen: NDArray[np.bool_]) -> StepModel:
     return StepModel(model.start, model.transition, model.emission, threshold)
 
 
-def main() -> int:
+def renew() -> int:
     """Train on all recordings and write the file that ships."""
     found = Words(read_recordings())
     model = trained(found, np.ones(len(found.t), bool))
@@ -120,4 +120,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(renew())
