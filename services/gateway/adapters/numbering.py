@@ -16,7 +16,7 @@ class Numbering:
     """Gives the payloads of each device increasing numbers, the same one to the same payload; one thread only.
 
     A device's numbers begin at the time in hundredths of a second: after a restart of the gateway they are still higher
-    than all before, and never meet those of an app that counts from 0.
+    than all before.
 
     Args:
         devices: how many are remembered; the one longest silent is forgotten first.

@@ -70,7 +70,7 @@ def adapter_routes(gateway: Gateway, who_asks: WhoAsks, intake: Intake) -> APIRo
         if not who_asks.still_holds(token, grant):  # the consent may have been withdrawn while the body came
             grant = await who_asks.owner(token, POST)
         seq = numbering.number(grant.device.id, (adapter.name, *push.key))
-        reply = await intake.take(grant.device, msgspec.structs.replace(push.batch, seq=seq), received)
+        reply = await intake.take(grant.device, msgspec.structs.replace(push.batch, seq=seq), received, adapter.name)
         return AdapterReply(
             duplicate=reply.duplicate,
             received=received,

@@ -8,15 +8,16 @@ from dataclasses import dataclass, field
 
 from services.gateway.phones.batch_check import Limits, check_batch
 from services.gateway.phones.clock import ClockAligner
+from services.gateway.phones.seen_numbers import SeenNumbers
 from services.gateway.protocol import Accepted, Batch, RadioReadings
 from services.gateway.reckoning.dead_reckoning import Carrying, DeadReckoner, InertialSamples, Motion, Walk
 from shared.messages import MotionBatch, RadioScan
 from shared.walking.stride import StrideLine
 
-__all__ = ["Intake", "Phone"]
+__all__ = ["NATIVE", "Intake", "Phone"]
 
-SEQ_WINDOW = 256
-"""Batches may overtake each other by this many; an older ``seq`` counts as seen."""
+NATIVE = "native"
+"""Source of the batches that an app of ours numbers itself; every adapter is a source of its own."""
 LATENESS = 5.0
 """Seconds after which a measurement is no use for live positions."""
 
@@ -32,6 +33,7 @@ class Intake:
     samples: InertialSamples | None = None
     """Still to be advanced."""
     seq: int = -1
+    source: str = NATIVE
     radio: Sequence[RadioReadings] = ()
     """Still to be told."""
     used_samples: int = 0
@@ -82,8 +84,8 @@ class Phone:
         self._access_points = access_points
         self._lateness = lateness
         self._clock = ClockAligner()
-        self._seen: set[int] = set()
-        self._highest = -1
+        self._seen: dict[str, SeenNumbers] = {}
+        """By source."""
         self._radio_seq = 0
         self._motion_seq = 0
 
@@ -102,18 +104,25 @@ class Phone:
             self.tell(intake, motions, self.walk.late - before)
         return intake
 
-    def admit(self, batch: Batch, received: float, limits: Limits) -> Intake:
+    def admit(self, batch: Batch, received: float, limits: Limits, source: str = NATIVE) -> Intake:
         """Check one batch and learn the phone's clock from it; what else it holds stands in the intake.
+
+        Args:
+            batch: as it came.
+            received: server time.
+            limits: of a batch.
+            source: who numbered it.
 
         Raises:
             RequestError: the batch is refused; nothing of it was used.
         """
         samples = check_batch(batch, limits)
+        duplicate = batch.seq in self._seen.setdefault(source, SeenNumbers())
         echo = None if batch.echo is None else (batch.echo.replied, batch.echo.arrived)
         offset = self._clock.observe(batch.sent, received, echo)
-        if batch.seq in self._seen or batch.seq <= self._highest - SEQ_WINDOW:
+        if duplicate:
             return Intake(True, received, offset, self._clock.drift)
-        return Intake(False, received, offset, self._clock.drift, samples, batch.seq, batch.radio)
+        return Intake(False, received, offset, self._clock.drift, samples, batch.seq, source, batch.radio)
 
     def tell(self, intake: Intake, motions: Sequence[Motion], dropped: int) -> None:
         """Note a batch as seen; put its scans and what dead reckoning made of it into the outbox.
@@ -123,7 +132,7 @@ class Phone:
             motions: what its samples came to.
             dropped: how many of its samples were too late to be used.
         """
-        self._note(intake.seq)
+        self._seen[intake.source].add(intake.seq)
         for scan in intake.radio:
             self._take_scan(scan, intake)
         intake.scans, intake.radio = len(intake.radio), ()
@@ -136,13 +145,6 @@ class Phone:
     def rest(self) -> None:
         """Give the memory of an idle phone back; its clock, its count of walks and the batches seen are kept."""
         self.walk = Walk(self.walk.carrying, self.walk.line, self.walk.walks)
-
-    def _note(self, seq: int) -> None:
-        self._seen.add(seq)
-        if seq > self._highest:
-            self._highest = seq
-            if len(self._seen) > 2 * SEQ_WINDOW:
-                self._seen = {number for number in self._seen if number > seq - SEQ_WINDOW}
 
     def _is_late(self, t: float, intake: Intake) -> bool:
         late = intake.received - t > self._lateness

@@ -21,7 +21,7 @@ from services.gateway.errors import RequestError, read_json, refuse
 from services.gateway.phones.batch_check import Limits
 from services.gateway.phones.dispatch import Dispatcher
 from services.gateway.phones.group_worker import FullError, GroupWorker
-from services.gateway.phones.phone import LATENESS, Intake, Phone
+from services.gateway.phones.phone import LATENESS, NATIVE, Intake, Phone
 from services.gateway.phones.spool import Spool
 from services.gateway.protocol import Batch, BatchReply, FieldError
 from services.gateway.reckoning.dead_reckoning import Carrying, DeadReckoner, Motion
@@ -59,6 +59,7 @@ class _Posted:
     owner: Registered
     batch: bytes | Batch
     received: float
+    source: str
 
 
 @dataclass(slots=True)
@@ -106,13 +107,16 @@ class PhoneBook:
         """Of what is forgotten."""
         self._worker: GroupWorker[_Posted, BatchReply] = GroupWorker(self._work, WAITING, self._look_after, "phones")
 
-    def submit(self, owner: Registered, batch: bytes | Batch, received: float) -> Future[BatchReply]:
+    def submit(
+        self, owner: Registered, batch: bytes | Batch, received: float, source: str = NATIVE
+    ) -> Future[BatchReply]:
         """Let one batch wait for its turn; from any thread.
 
         Args:
             owner: whose it is.
             batch: as JSON or read already.
             received: server clock when it arrived.
+            source: who numbered it: the app itself or an adapter.
 
         Raises:
             RequestError: 503 where too many wait. The future raises it too: 4xx for a bad batch or a forgotten device,
@@ -120,14 +124,16 @@ class PhoneBook:
                 used of it is kept and will be published once.
         """
         try:
-            return self._worker.submit(_Posted(owner, batch, received))
+            return self._worker.submit(_Posted(owner, batch, received, source))
         except FullError as error:
             raise _too_many() from error
 
-    def submit_soon(self, owner: Registered, batch: bytes | Batch, received: float) -> asyncio.Future[BatchReply]:
+    def submit_soon(
+        self, owner: Registered, batch: bytes | Batch, received: float, source: str = NATIVE
+    ) -> asyncio.Future[BatchReply]:
         """Do what ``submit`` does, from an event loop."""
         try:
-            return self._worker.submit_soon(_Posted(owner, batch, received))
+            return self._worker.submit_soon(_Posted(owner, batch, received, source))
         except FullError as error:
             raise _too_many() from error
 
@@ -194,7 +200,8 @@ class PhoneBook:
             entry = self._entry(posted.owner)
             if len(entry.phone.outbox) > OUTBOX:
                 return busy("too much of this phone waits for the bus")
-            return _Taken(entry.phone, batch.seq, entry.phone.admit(batch, posted.received, self._limits))
+            intake = entry.phone.admit(batch, posted.received, self._limits, posted.source)
+            return _Taken(entry.phone, batch.seq, intake)
         except RequestError as error:
             return error
         except Exception as error:  # ours, and no other phone's loss

@@ -7,6 +7,7 @@ import math
 from services.gateway.devices.rate_limiter import RateLimiter
 from services.gateway.devices.storage import Registered
 from services.gateway.errors import RequestError
+from services.gateway.phones.phone import NATIVE
 from services.gateway.phones.phone_book import busy
 from services.gateway.protocol import Batch, BatchReply, FieldError
 from services.gateway.web.gateway import Gateway
@@ -40,13 +41,14 @@ class Intake:
             raise busy("more batches wait than can be taken")
         self._limiter.spend(device)
 
-    async def take(self, owner: Registered, batch: bytes | Batch, received: float) -> BatchReply:
+    async def take(self, owner: Registered, batch: bytes | Batch, received: float, source: str = NATIVE) -> BatchReply:
         """Return the reply once everything in the batch is on the bus.
 
         Args:
             owner: whose it is.
             batch: as JSON or read already.
             received: server clock when it arrived.
+            source: who numbered it: the app itself or an adapter.
 
         Raises:
             RequestError: it is refused, and nothing of it used.
@@ -55,6 +57,6 @@ class Intake:
             raise busy("more batches wait than can be taken")
         self._waiting += 1
         try:
-            return await self._gateway.phones.submit_soon(owner, batch, received)
+            return await self._gateway.phones.submit_soon(owner, batch, received, source)
         finally:
             self._waiting -= 1

@@ -4,9 +4,13 @@ import math
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from services.gateway.errors import RequestError
 from services.gateway.phones.batch_check import Limits
-from services.gateway.phones.phone import SEQ_WINDOW, Phone
+from services.gateway.phones.phone import NATIVE, Phone
+from services.gateway.phones.seen_numbers import MOST, SeenNumbers
 from services.gateway.protocol import Batch, RadioReadings
 from services.gateway.reckoning.dead_reckoning import DeadReckoner
 from shared.messages import InertialColumns, MotionBatch, RadioScan
@@ -23,6 +27,10 @@ def phone() -> Phone:
 
 def scan(t: float, **heard: float) -> RadioReadings:
     return RadioReadings(t=t, address=[f"02:A7:00:00:00:{key[1:]}" for key in heard], rssi=list(heard.values()))
+
+
+def tiny(seq: int) -> Batch:
+    return Batch(sent=100.0, seq=seq, radio=[scan(99.0, _01=-50.0)])
 
 
 def walking(second: int, clock: float) -> InertialColumns:
@@ -87,13 +95,45 @@ def test_the_same_batch_again_is_acknowledged_and_not_published_twice() -> None:
     assert len(to.outbox) == 1
 
 
-def test_batches_that_overtake_each_other_are_all_taken_and_ancient_ones_count_as_seen() -> None:
+def test_batches_may_come_in_any_order_and_a_backlog_after_what_is_live() -> None:
     to = phone()
-    for seq in (0, 2, 1, 3 * SEQ_WINDOW, 3 * SEQ_WINDOW - 1):
-        assert not to.take(
-            Batch(sent=100.0, seq=seq, radio=[scan(99.0, _01=-50.0)]), 100.0, Limits(), RECKONER
-        ).duplicate
-    assert to.take(Batch(sent=100.0, seq=5, radio=[scan(99.0, _01=-50.0)]), 100.0, Limits(), RECKONER).duplicate
+    order = [0, 2, 1, 5000, 5001, *range(4999, 2, -1)]
+    taken = [to.take(tiny(seq), 100.0, Limits(), RECKONER).duplicate for seq in order]
+    assert not any(taken)
+    assert all(to.take(tiny(seq), 100.0, Limits(), RECKONER).duplicate for seq in order)
+
+
+def test_what_cannot_be_told_any_more_is_refused_and_not_acknowledged() -> None:
+    to = phone()
+    for seq in range(0, 10_000, 2):
+        assert not to.take(tiny(seq), 100.0, Limits(), RECKONER).duplicate
+    assert len(to._seen[NATIVE]._first) == MOST
+    with pytest.raises(RequestError) as caught:
+        to.take(tiny(1), 100.0, Limits(), RECKONER)
+    assert (caught.value.status, caught.value.reply.detail[0].field) == (422, "seq")
+    assert len(to.outbox) == 5000
+    assert not to.take(tiny(9_997), 100.0, Limits(), RECKONER).duplicate
+
+
+def test_each_source_counts_for_itself() -> None:
+    to = phone()
+    for seq, source in ((170_000_000_000, "sensor-logger"), (0, NATIVE), (0, "find3")):
+        intake = to.admit(tiny(seq), 100.0, Limits(), source)
+        assert not intake.duplicate
+        to.tell(intake, [], 0)
+        assert to.admit(tiny(seq), 100.0, Limits(), source).duplicate
+
+
+@given(st.lists(st.integers(0, 40), max_size=60))
+def test_ranges_say_what_a_set_says(numbers: list[int]) -> None:
+    seen, known = SeenNumbers(), set[int]()
+    for number in numbers:
+        assert (number in seen) == (number in known)
+        if number not in known:
+            seen.add(number)
+            known.add(number)
+    assert [number in seen for number in range(42)] == [number in known for number in range(42)]
+    assert all(last + 1 < first for last, first in zip(seen._last, seen._first[1:], strict=False))
 
 
 def test_what_was_measured_too_long_ago_is_marked_late_message_by_message() -> None:
