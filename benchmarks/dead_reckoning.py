@@ -149,9 +149,13 @@ MADE = """Six measurements, gathered; what is fitted is fitted without the perso
 
 *Steps*: 33 recordings of three people (`step-counter`), whole files with their seconds of handling, against foot
 switches with the edges that one of them missed repaired; the truth itself is sure to 0 to 2 %. `step_error_*` is the
-median error of a recording's count by position, `step_f1` of steps matched one to one within 0.25 s at one lag per
-recording, `false_steps_per_s` what is told before the first and after the last true step. Figures without a prefix are
-of the detector that ships. Three people are few: the one tested is always one of three.
+median error of a recording's count by position, `step_worst_*` of the worst recording, `step_f1` of steps matched one
+to one within 0.25 s at one lag per recording (`step_f1_common_lag`: at one lag for all recordings),
+`false_steps_per_s` what is told before the first and after the last true step. Figures without a prefix are of the
+method that ships, its constants chosen on two people and judged on the third. Three people are few: two of them hardly
+handle the phone before and after they walk, and constants chosen on those two tell more false steps of the third than
+is asked, and miscount one of her purse recordings by more. `shipped_*` has the constants that ship, which have seen all
+three, and stays within all of these bars.
 
 *Legs*: 80 traces of surveyors in a shopping mall (`indoor-location`, 2.9 km, one phone model, held flat), way-points
 stamped by hand. A step counts to the leg in which it ended. `leg_error` is of legs over 5 m, `heading_error_deg` of
@@ -183,30 +187,29 @@ off that drift by up to 100 ppm, over journeys of 20 to 500 ms and worse ones; t
 *Speed*: `phones_realtime_100hz` is seconds of data per second of one core, by the clock of the processor.
 """
 
-BARS = {
-    "step_error_hand": 0.01,
-    "step_error_front": 0.01,
-    "step_error_back": 0.015,
-    "step_error_purse": 0.01,
-    "step_worst": 0.07,
-    "step_worst_front": 0.04,
-    "step_worst_back": 0.04,
-    "step_worst_purse": 0.04,
-    "step_f1": 0.97,
-    "false_steps_per_s": 0.12,
-    "leg_error": 0.075,
-    "heading_error_deg": 7.5,
-    "end_drift": 0.125,
-    "end_nees": 2.53,
-    "pocket_heading_deg": 4.0,
-    "pocket_rested_heading_deg": 4.0,
-    "offset_sign_30": 0.85,
-    "offset_sign_15": 0.71,
-    "clock_p95_ms": 100.0,
-    "phones_realtime_100hz": 500.0,
+BARS: dict[str, tuple[float | None, float | None]] = {
+    "step_error_hand": (None, 0.01),
+    "step_error_front": (None, 0.01),
+    "step_error_back": (None, 0.015),
+    "step_error_purse": (None, 0.01),
+    "step_worst_hand": (None, 0.07),
+    "step_worst_front": (None, 0.04),
+    "step_worst_back": (None, 0.04),
+    "step_worst_purse": (None, 0.04),
+    "step_f1": (0.97, None),
+    "false_steps_per_s": (None, 0.12),
+    "leg_error": (None, 0.075),
+    "heading_error_deg": (None, 7.5),
+    "end_drift": (None, 0.125),
+    "end_nees": (None, 2.53),
+    "pocket_heading_deg": (None, 4.0),
+    "pocket_rested_heading_deg": (None, 4.0),
+    "offset_sign_30": (0.85, None),
+    "offset_sign_15": (0.71, None),
+    "clock_p95_ms": (None, 100.0),
+    "phones_realtime_100hz": (500.0, None),
 }
-"""In the order in which figures are shown."""
-AT_LEAST = ("step_f1", "offset_sign_30", "offset_sign_15", "phones_realtime_100hz")
+"""At least and at most, in the order in which figures are shown."""
 
 EXPERIMENT = Experiment(
     name="dead-reckoning",
@@ -225,8 +228,8 @@ EXPERIMENT = Experiment(
     },
     difference="Other people, phones and buildings: their recordings are not public. Headings in the pocket and sides "
     "of the phone are real people's there and the twin's here.",
-    at_least={name: bar for name, bar in BARS.items() if name in AT_LEAST},
-    at_most={name: bar for name, bar in BARS.items() if name not in AT_LEAST},
+    at_least={name: low for name, (low, _) in BARS.items() if low is not None},
+    at_most={name: high for name, (_, high) in BARS.items() if high is not None},
     picture="traces on the mall's plan; errors of lengths and headings of legs, by method; steps counted, pocket "
     "headings and sides of the phone, by method",
 )

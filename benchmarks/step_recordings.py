@@ -19,6 +19,7 @@ from services.gateway.steps.detector import LONGEST_DELAY, StepDetector
 from shared.settings import data_folder
 
 __all__ = [
+    "LAGS",
     "MATCHED_WITHIN",
     "POSITIONS",
     "Recording",
@@ -27,6 +28,8 @@ __all__ = [
     "found_steps",
     "hops_of",
     "matched_steps",
+    "matches_by_lag",
+    "middle_lag",
     "read_recordings",
 ]
 
@@ -37,7 +40,8 @@ POSITIONS = {"InHand": "hand", "FrontPocket": "front", "BackPocket": "back", "Pu
 
 MATCHED_WITHIN = 0.25
 """Seconds between a step found and the true one."""
-_MOST_LAG = 0.4
+LAGS = np.arange(-10, 11) * 0.04
+"""Seconds by which steps found may be shifted before they are matched."""
 _TOO_SOON, _HOLE = 0.6, (1.6, 3.4)
 """Of a median stride: edges of one foot nearer than this are one; holes of two or three strides were walked."""
 
@@ -125,15 +129,23 @@ def found_steps(
     return [t[t <= recording.end] for t, recording in zip(every, recordings, strict=True)]
 
 
+def matches_by_lag(found: Array, true: Array) -> Array:
+    """Return how many steps found are matched when shifted by each of ``LAGS``."""
+    return np.array([matched_steps(found + lag, true) for lag in LAGS], float)
+
+
 def best_lag(found: Array, true: Array) -> float:
     """Return the one lag, s, at which most steps found are matched.
 
     Detectors mark different moments of a step and the switches were polled at 10 Hz, so a recording has one lag.
     """
-    lags = np.arange(-_MOST_LAG, _MOST_LAG + 0.01, 0.04)
-    pairs = [matched_steps(found + lag, true) for lag in lags]
-    best = np.flatnonzero(np.array(pairs) == max(pairs))
-    return float(lags[best[len(best) // 2]])
+    return middle_lag(matches_by_lag(found, true))
+
+
+def middle_lag(pairs: Array) -> float:
+    """Return the middle one of the lags with most matches, s, given how many there are at each of ``LAGS``."""
+    best = np.flatnonzero(pairs == pairs.max())
+    return float(LAGS[best[len(best) // 2]])
 
 
 def matched_steps(found: Array, true: Array) -> int:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.step_recordings import Recording, best_lag, detect, matched_steps, read_recordings
-from benchmarks.step_table import Tally, held_out, tally
+from benchmarks.step_table import Tally, by_person, held_out, tally
 from services.gateway.steps.gated_peaks import GatedPeaks
 
 
@@ -60,8 +60,23 @@ def test_nobody_is_judged_by_constants_chosen_on_their_own_walks() -> None:
 
     def of(found: list[float]) -> Tally:
         true = np.full(2, 100.0)
-        return Tally(np.array(found), true, np.minimum(found, true), np.zeros(2), np.ones(2))
+        return Tally(np.array(found), true, np.minimum(found, true)[:, None], np.zeros(2), np.ones(2))
 
     its, choice = held_out([of([100.0, 50.0]), of([90.0, 95.0])], ["ann", "bob"])
     assert choice == {"ann": 1, "bob": 0}
     np.testing.assert_array_equal(its.found, [90.0, 50.0])
+
+
+def test_a_common_lag_cannot_align_recordings_that_lag_differently() -> None:
+    by_lag = np.array([[100.0, 40.0], [40.0, 100.0]])
+    its = Tally(np.full(2, 100.0), np.full(2, 100.0), by_lag, np.zeros(2), np.ones(2))
+    assert its.f1() == 1.0
+    assert its.f1_common_lag() == pytest.approx(0.7)
+
+
+def test_each_persons_recordings_keep_their_place() -> None:
+    def of(found: list[float]) -> Tally:
+        return Tally(np.array(found), np.ones(3), np.ones((3, 2)), np.zeros(3), np.ones(3))
+
+    its = by_person({"bob": of([1.0, 2.0, 3.0]), "ann": of([4.0, 5.0, 6.0])}, ["ann", "bob", "ann"])
+    np.testing.assert_array_equal(its.found, [4.0, 2.0, 6.0])
