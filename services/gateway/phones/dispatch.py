@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
+import msgspec
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -32,12 +34,14 @@ class Dispatcher:
         bus: where to publish.
         keys: of the site.
         spool: None: what cannot be published stays in the outbox.
+        lateness: seconds after which what waited is marked late.
     """
 
-    def __init__(self, bus: Bus, keys: Keys, spool: Spool | None) -> None:
+    def __init__(self, bus: Bus, keys: Keys, spool: Spool | None, lateness: float) -> None:
         self._bus = bus
         self._keys = keys
         self._spool = spool
+        self._lateness = lateness
         self._radio: dict[str, Publisher[RadioScan]] = {}
         self._motion: dict[str, Publisher[MotionBatch]] = {}
 
@@ -62,8 +66,10 @@ class Dispatcher:
         if not self._spool or not self._bus.connected:
             return
         waiting = self._spool.oldest(DRAINED_AT_ONCE)
-        for entry in waiting:
-            self._publish(entry.message)
+        now = time.time()
+        for message in (entry.message for entry in waiting if entry.message is not None):
+            late = message.late or now - message.t > self._lateness
+            self._publish(msgspec.structs.replace(message, late=late))
         if self._bus.connected:
             self._spool.drop(waiting)
 

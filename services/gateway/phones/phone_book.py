@@ -45,6 +45,8 @@ FORGOTTEN_KEPT = 100_000
 """Forgotten devices remembered: far more than can have a batch on its way at once."""
 MODELS_KEPT = 100_000
 """Personal stride models remembered."""
+SILENCE = 60.0
+"""Seconds between two warnings that the spool cannot be emptied."""
 
 log = structlog.get_logger(__name__)
 
@@ -96,12 +98,13 @@ class PhoneBook:
         self._lateness = lateness
         self._access_points = {address.lower(): point.id for point in site.access_points for address in point.addresses}
         self._reckoner = DeadReckoner(site.north_radians)
-        self._dispatcher = Dispatcher(bus, self._keys, spool)
+        self._dispatcher = Dispatcher(bus, self._keys, spool, lateness)
         self._entries: dict[str, _Entry] = {}
         self._models: OrderedDict[str, StrideModel] = OrderedDict()
         self._news = bus.inbox()
         self._news.subscribe(self._keys.stride_model(), StrideModel, cached=True)
         self._looked = 0.0
+        self._silent_until = 0.0
         self._forgotten: OrderedDict[str, None] = OrderedDict()
         self._lock = threading.Lock()
         """Of what is forgotten."""
@@ -268,8 +271,13 @@ class PhoneBook:
         return None
 
     def _look_after(self) -> None:
-        self._dispatcher.drain()
         now = time.monotonic()
+        try:
+            self._dispatcher.drain()
+        except Exception as error:  # the database's or Zenoh's; tried again at the next occasion
+            if now >= self._silent_until:
+                self._silent_until = now + SILENCE
+                log.warning("what waits could not be published; trying again", error=type(error).__name__)
         if now - self._looked >= 1.0:
             self._looked = now
             self._learn(delivery.message for delivery in self._news.receive(0.0))

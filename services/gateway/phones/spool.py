@@ -6,16 +6,21 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import structlog
+from prometheus_client import Counter as Total
 from prometheus_client import Gauge
 from sqlalchemy import Engine, delete, func, insert, select
 
 from services.gateway.devices.tables import SpoolRow
-from shared.messages import MotionBatch, RadioScan, decode, encode
+from shared.messages import MessageError, MotionBatch, RadioScan, decode, encode
 
 __all__ = ["Spool", "SpoolFullError", "Spooled"]
 
 WAITING = Gauge("atrium_gateway_spooled", "Messages that wait in the database for the bus")
+UNREADABLE = Total("atrium_gateway_spool_unreadable_total", "Messages set aside since no version of ours reads them")
 _KINDS: dict[str, type[RadioScan] | type[MotionBatch]] = {"radio": RadioScan, "motion": MotionBatch}
+
+log = structlog.get_logger(__name__)
 
 
 class SpoolFullError(RuntimeError):
@@ -27,7 +32,9 @@ class Spooled:
     """One message that waits."""
 
     id: int
-    message: RadioScan | MotionBatch
+    device: str
+    message: RadioScan | MotionBatch | None
+    """None where the row cannot be read."""
     size: int
     """Bytes."""
 
@@ -45,6 +52,7 @@ class Spool:
         self._most = most
         self._bytes: Counter[str] = Counter()
         self._rows: Counter[str] = Counter()
+        self._told = False
         query = select(SpoolRow.device, func.count(), func.sum(func.length(SpoolRow.payload))).group_by(SpoolRow.device)
         with engine.connect() as connection:
             for device, rows, size in connection.execute(query):
@@ -86,17 +94,28 @@ class Spool:
 
     def oldest(self, most: int) -> list[Spooled]:
         """Return the messages that wait longest, in order."""
-        query = select(SpoolRow.id, SpoolRow.kind, SpoolRow.payload).order_by(SpoolRow.id).limit(most)
+        columns = (SpoolRow.id, SpoolRow.device, SpoolRow.kind, SpoolRow.payload)
+        query = select(*columns).order_by(SpoolRow.id).limit(most)
         with self._engine.connect() as connection:
             rows = connection.execute(query).all()
-        return [Spooled(row.id, decode(row.payload, _KINDS[row.kind]), len(row.payload)) for row in rows]
+        return [Spooled(row.id, row.device, self._read(row.kind, row.payload), len(row.payload)) for row in rows]
+
+    def _read(self, kind: str, payload: bytes) -> RadioScan | MotionBatch | None:
+        try:
+            return decode(payload, _KINDS[kind])
+        except (KeyError, MessageError) as error:
+            if not self._told:
+                self._told = True
+                log.error("a spooled message cannot be read; such are set aside and counted", reason=str(error)[:200])
+            return None
 
     def drop(self, published: Sequence[Spooled]) -> None:
-        """Forget the oldest messages, which are on the bus."""
+        """Forget the oldest messages, which are on the bus or cannot be read."""
         with self._engine.begin() as connection:
             connection.execute(delete(SpoolRow).where(SpoolRow.id <= published[-1].id))
+        UNREADABLE.inc(sum(entry.message is None for entry in published))
         for entry in published:
-            device = entry.message.device
+            device = entry.device
             self._rows[device] -= 1
             self._bytes[device] -= entry.size
             if self._rows[device] <= 0:
