@@ -11,6 +11,7 @@ from services.gateway.adapters.mqtt_broker import Broker
 from services.gateway.adapters.mqtt_receivers import MqttReceivers
 from services.gateway.devices.consent import read_consent
 from services.gateway.devices.database import migrate, open_engine, schema_problem
+from services.gateway.devices.erasures import Erasures
 from services.gateway.devices.own_alerts import OwnAlertBook
 from services.gateway.devices.own_position import OwnPositions
 from services.gateway.devices.storage import DeviceStore
@@ -65,6 +66,7 @@ class GatewayService(Service[GatewaySettings]):
         mqtt = self._mqtt(receivers)
         spool = Spool(engine, settings.spool_bytes)
         phones = PhoneBook(self.site, self.bus, settings.limits(), settings.phone_idle, spool, settings.live_lateness)
+        erasures = Erasures(engine, self.bus, self.keys, phones.forget)
         positions = OwnPositions(self.site.zones, settings.position_kept)
         alerts = OwnAlertBook(self.site.zones, settings.alerts_kept)
         inbox = self.bus.inbox(1000)
@@ -73,6 +75,7 @@ class GatewayService(Service[GatewaySettings]):
         threads = [
             threading.Thread(target=self._follow, args=(inbox, positions, alerts), name="own data", daemon=True),
             threading.Thread(target=self._rest, args=(phones,), name="rest", daemon=True),
+            threading.Thread(target=erasures.run, args=(self.stopping,), name="erasures", daemon=True),
             threading.Thread(
                 target=receivers.run, args=(self.stopping, settings.token_recheck), name="receivers", daemon=True
             ),
@@ -86,6 +89,7 @@ class GatewayService(Service[GatewaySettings]):
             store=store,
             phones=phones,
             receivers=receivers,
+            erasures=erasures,
             positions=positions,
             alerts=alerts,
             started=self.health.ready.set,

@@ -1,22 +1,27 @@
 """What is acknowledged while the bus is away is not lost: it waits in the database, over a restart, in order."""
 
 import json
+import sqlite3
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from gateway_process import Listener, Phone, Running, finish, is_ready, launch
+from sqlalchemy.exc import OperationalError
 from waiting import wait_until
 
 from services.gateway.devices.database import migrate, open_engine
-from services.gateway.devices.storage import Registered
+from services.gateway.devices.erasures import Erasures
+from services.gateway.devices.storage import DeviceStore, Newcomer, Registered
 from services.gateway.errors import RequestError
 from services.gateway.phones.batch_check import Limits
 from services.gateway.phones.phone_book import PhoneBook
 from services.gateway.phones.spool import Spool, SpoolFullError
 from shared.bus import Bus, router
-from shared.messages import RadioScan
+from shared.keys import Keys
+from shared.messages import Erasure, RadioScan
 from shared.site import Site, load_site
 
 
@@ -46,9 +51,9 @@ def test_what_waits_comes_back_oldest_first_and_is_erased_with_its_device(spool:
     spool.put([scan("d-1", 1)])
     again = Spool(spool._engine, 10_000)
     assert (len(again), "d-1" in again, "d-3" in again) == (3, True, False)
-    assert [(e.message.device, e.message.seq) for e in again.oldest(10)] == [("d-1", 0), ("d-2", 0), ("d-1", 1)]
+    assert [(e.device, e.message and e.message.seq) for e in again.oldest(10)] == [("d-1", 0), ("d-2", 0), ("d-1", 1)]
     again.forget("d-1")
-    assert [e.message.device for e in again.oldest(10)] == ["d-2"]
+    assert [e.device for e in again.oldest(10)] == ["d-2"]
     again.drop(again.oldest(10))
     assert not again
     assert not again.oldest(1)
@@ -116,7 +121,7 @@ def test_a_withdrawn_consent_erases_what_waits(zenoh_router: str, site: Site, sp
         for device in ("d-1", "d-2"):
             phones.post(Registered(device, "hand"), body(0), time.time())
         phones.forget("d-1")
-        assert [entry.message.device for entry in spool.oldest(10)] == ["d-2"]
+        assert [entry.device for entry in spool.oldest(10)] == ["d-2"]
 
 
 @pytest.fixture
@@ -159,3 +164,65 @@ def test_what_is_acknowledged_without_a_router_arrives_once_after_a_restart(
     assert len(scans) == 6
     listener.bus.close()
     session.close()
+
+
+def test_an_erasure_without_a_router_is_told_after_a_restart(
+    gateways: Callable[[str], Running], free_port: int
+) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    session = router(endpoint)
+    first = gateways(endpoint)
+    wait_until(lambda: is_ready(first), 30, "the gateway to be ready")
+    phone = Phone(first)
+    session.close()
+    wait_until(lambda: not is_ready(first), 15, "the gateway to miss its router")
+    assert phone.post(phone.batch(0)).status_code in (200, 202)
+    assert phone.http.delete(f"/v1/devices/{phone.device}", headers=phone.headers).status_code == 204
+    assert finish(first) == 0
+    session = router(endpoint)
+    listener = Listener(endpoint)
+    second = gateways(endpoint)
+    wait_until(lambda: phone.device in listener.erased(), 20, "everybody to be told whom to forget")
+    assert listener.heard(phone.device) == ([], [])
+    with closing(sqlite3.connect(second.database)) as database:
+        wait_until(
+            lambda: database.execute("SELECT count(*) FROM gateway_erasures").fetchone() == (0,), 5, "nobody to wait"
+        )
+    listener.bus.close()
+    session.close()
+
+
+def test_an_erasure_waits_while_the_bus_or_what_forgets_fails(zenoh_router: str, site: Site, tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'spool.db'}"
+    migrate(url)
+    engine = open_engine(url)
+    store = DeviceStore(engine)
+    device, _ = store.enrol(100.0, Newcomer("1"), ("manage",), 200.0, "a key for addresses")
+    store.withdraw(device.id, 101.0)
+    forgotten: list[str] = []
+
+    def forget(which: str) -> None:
+        forgotten.append(which)
+        if len(forgotten) == 1:
+            raise OperationalError("", {}, Exception("locked"))
+
+    with AwayBus([zenoh_router]) as bus:
+        inbox = bus.inbox()
+        inbox.subscribe(Keys(site.site).erasure(), Erasure)
+        erasures = Erasures(engine, bus, Keys(site.site), forget)
+        bus.away = True
+        erasures.tell()
+        assert (erasures.waiting(), forgotten) == ([device.id], [])
+        bus.away = False
+        erasures.tell()
+        assert erasures.waiting() == [device.id]
+        erasures.tell()
+        assert erasures.waiting() == []
+        told: list[str] = []
+
+        def heard() -> bool:
+            told.extend(d.message.device for d in inbox.receive(0.05) if isinstance(d.message, Erasure))
+            return bool(told)
+
+        wait_until(heard, 5, "the erasure")
+        assert (told, forgotten) == ([device.id], [device.id, device.id])

@@ -13,7 +13,15 @@ from sqlalchemy import Engine, delete, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from services.gateway.devices.tables import ConsentRow, DeviceRow, SpoolRow, TokenRow, TransmitterRow, WalkerRow
+from services.gateway.devices.tables import (
+    ConsentRow,
+    DeviceRow,
+    ErasureRow,
+    SpoolRow,
+    TokenRow,
+    TransmitterRow,
+    WalkerRow,
+)
 from services.gateway.devices.transmitters import digest_of
 
 __all__ = ["DeviceStore", "Newcomer", "Registered", "StoredToken", "TransmitterTakenError", "Walker"]
@@ -206,7 +214,7 @@ class DeviceStore:
             )
 
     def withdraw(self, device: str, now: float) -> None:
-        """Take the consent back: all that is known of the device is deleted; the times stay as proof."""
+        """Take the consent back: all known of the device is deleted; the times stay, and whom the bus is to forget."""
         with Session(self._engine) as session, session.begin():
             for table in (TokenRow, TransmitterRow, WalkerRow, SpoolRow):
                 session.execute(delete(table).where(table.device == device))
@@ -218,6 +226,7 @@ class DeviceStore:
                 .where(ConsentRow.device == device, ConsentRow.withdrawn.is_(None))
                 .values(withdrawn=now)
             )
+            session.merge(ErasureRow(device=device, withdrawn=now))
 
 
 def _token_row(device: str, token: StoredToken) -> TokenRow:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sqlalchemy import Float, ForeignKey, LargeBinary, String
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-__all__ = ["Base", "ConsentRow", "DeviceRow", "SpoolRow", "TokenRow", "TransmitterRow", "WalkerRow"]
+__all__ = ["Base", "ConsentRow", "DeviceRow", "ErasureRow", "SpoolRow", "TokenRow", "TransmitterRow", "WalkerRow"]
 
 
 class Base(DeclarativeBase):
@@ -73,6 +73,15 @@ class WalkerRow(Base):
     offset: Mapped[float | None] = mapped_column(Float(53))
     scale_variance: Mapped[float | None] = mapped_column(Float(53))
     created: Mapped[float] = mapped_column(Float(53))
+
+
+class ErasureRow(Base):
+    """A withdrawn device of which the bus has not been told yet."""
+
+    __tablename__ = "gateway_erasures"
+
+    device: Mapped[str] = mapped_column(String(64), primary_key=True)
+    withdrawn: Mapped[float] = mapped_column(Float(53))
 
 
 class SpoolRow(Base):

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from services.gateway.devices.consent import ConsentText
+from services.gateway.devices.erasures import Erasures
 from services.gateway.devices.own_alerts import OwnAlertBook
 from services.gateway.devices.own_position import OwnPositions
 from services.gateway.devices.storage import DeviceStore
@@ -31,6 +32,7 @@ class Gateway:
     store: DeviceStore
     phones: PhoneBook
     receivers: ReceiverBook
+    erasures: Erasures
     positions: OwnPositions
     alerts: OwnAlertBook
     started: Callable[[], None]

@@ -7,6 +7,7 @@ import time
 import structlog
 from fastapi import APIRouter, Request, Response
 from prometheus_client import Counter
+from sqlalchemy.exc import SQLAlchemyError
 
 from services.gateway.devices.tokens import MANAGE, POST, READ
 from services.gateway.errors import read_json, refuse
@@ -67,11 +68,15 @@ def own_data_routes(gateway: Gateway, who_asks: WhoAsks, streams: Streams) -> AP
         await allow(request, device, MANAGE)
         await gateway.work(gateway.store.withdraw, device, time.time())
         who_asks.forget(device)
-        await gateway.work(gateway.receivers.forget, device)
-        await gateway.work(gateway.phones.forget, device)
         gateway.positions.forget(device)
         gateway.alerts.forget(device)
         await streams.close(device, "the consent was withdrawn")
+        await gateway.work(gateway.receivers.forget, device)
+        try:
+            await gateway.work(gateway.phones.forget, device)
+        except SQLAlchemyError:  # the consent is withdrawn all the same: what waits is erased with the telling
+            log.warning("what waits of a withdrawn device is erased later", device=device)
+        await gateway.work(gateway.erasures.tell)
         WITHDRAWN.inc()
         log.info("consent withdrawn", device=device)
         return Response(status_code=204)

@@ -1,4 +1,4 @@
-"""Tokens with scopes, transmitters that receivers hear, trial walks, what waits for the bus.
+"""Tokens with scopes, transmitters that receivers hear, trial walks, what waits for the bus, erasures too.
 
 Tokens become signed: those handed out before are void, their phones enrol again.
 """
@@ -48,9 +48,15 @@ def upgrade() -> None:
         sa.Column("payload", sa.LargeBinary, nullable=False),
     )
     op.create_index("ix_gateway_spool_device", "gateway_spool", ["device"])
+    op.create_table(
+        "gateway_erasures",
+        sa.Column("device", sa.String(64), primary_key=True),
+        sa.Column("withdrawn", sa.Float(53), nullable=False),
+    )
 
 
 def downgrade() -> None:
+    op.drop_table("gateway_erasures")
     op.drop_table("gateway_spool")
     op.drop_table("gateway_walkers")
     op.drop_table("gateway_transmitters")
