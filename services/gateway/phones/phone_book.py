@@ -9,6 +9,7 @@ from collections import Counter as Tally
 from collections import OrderedDict
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NoReturn, cast
 
@@ -20,7 +21,7 @@ from services.gateway.devices.storage import Registered, Walker
 from services.gateway.errors import RequestError, read_json, refuse
 from services.gateway.phones.batch_check import Limits
 from services.gateway.phones.dispatch import Dispatcher
-from services.gateway.phones.group_worker import FullError, GroupWorker
+from services.gateway.phones.group_worker import ClosedError, FullError, GroupWorker
 from services.gateway.phones.phone import LATENESS, NATIVE, Intake, Phone
 from services.gateway.phones.spool import Spool
 from services.gateway.protocol import Batch, BatchReply, FieldError
@@ -43,6 +44,8 @@ WAITING = 1000
 """Batches that may wait for their turn; more are answered 503 rather than kept waiting."""
 FORGOTTEN_KEPT = 100_000
 """Forgotten devices remembered: far more than can have a batch on its way at once."""
+BYTES_OF_A_SAMPLE = 80
+"""Of JSON: a stamp and nine numbers of some decimals."""
 MODELS_KEPT = 100_000
 """Personal stride models remembered."""
 SILENCE = 60.0
@@ -62,6 +65,13 @@ class _Posted:
     batch: bytes | Batch
     received: float
     source: str
+
+    @property
+    def samples(self) -> int:
+        """How many it holds; of a body not yet read, at least so many if it holds little else."""
+        if isinstance(self.batch, bytes):
+            return len(self.batch) // BYTES_OF_A_SAMPLE
+        return 0 if self.batch.imu is None else len(self.batch.imu.t)
 
 
 @dataclass(slots=True)
@@ -126,19 +136,25 @@ class PhoneBook:
                 nothing of it used; 503 where the bus is away and nothing more can be stored: send it again, what was
                 used of it is kept and will be published once.
         """
+        posted = _Posted(owner, batch, received, source)
         try:
-            return self._worker.submit(_Posted(owner, batch, received, source))
+            return self._worker.submit(posted, posted.samples, owner.id)
         except FullError as error:
             raise _too_many() from error
+        except ClosedError as error:
+            raise busy("the gateway ends") from error
 
     def submit_soon(
         self, owner: Registered, batch: bytes | Batch, received: float, source: str = NATIVE
     ) -> asyncio.Future[BatchReply]:
         """Do what ``submit`` does, from an event loop."""
+        posted = _Posted(owner, batch, received, source)
         try:
-            return self._worker.submit_soon(_Posted(owner, batch, received, source))
+            return self._worker.submit_soon(posted, posted.samples, owner.id)
         except FullError as error:
             raise _too_many() from error
+        except ClosedError as error:
+            raise busy("the gateway ends") from error
 
     def post(self, owner: Registered, batch: bytes | Batch, received: float) -> BatchReply:
         """Take one batch and wait for the reply; see ``submit``."""
@@ -159,7 +175,8 @@ class PhoneBook:
 
     def rest(self, now: float) -> None:
         """Let idle phones cost nothing; ``now`` is monotonic. After twelve times as long they are forgotten whole."""
-        self._worker.call(lambda: self._rest(now))
+        with suppress(ClosedError):  # while the gateway ends
+            self._worker.call(lambda: self._rest(now))
 
     def close(self) -> None:
         """Answer what waits and end the thread."""

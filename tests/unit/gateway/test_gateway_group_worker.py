@@ -1,4 +1,4 @@
-"""One thread takes everything waiting at once: in order, none lost, none hurt by another."""
+"""One thread takes what waits at once: small tasks first, each owner's in order, none lost, none hurt by another."""
 
 import asyncio
 import threading
@@ -6,7 +6,14 @@ from collections.abc import Iterator, Sequence
 
 import pytest
 
-from services.gateway.phones.group_worker import LARGEST_GROUP, FullError, GroupWorker
+from services.gateway.phones.group_worker import (
+    HEAVIEST_GROUP,
+    LARGEST_GROUP,
+    LIGHT,
+    ClosedError,
+    FullError,
+    GroupWorker,
+)
 
 
 class Doubling:
@@ -81,11 +88,51 @@ def test_a_mistake_is_told_to_its_group_and_the_next_is_worked_on(worker: GroupW
     assert worker.submit(4).result(10.0) == 8
 
 
-def test_what_is_called_comes_after_all_that_waits(doubling: Doubling, worker: GroupWorker[int, int]) -> None:
+def test_what_is_called_comes_between_groups(doubling: Doubling, worker: GroupWorker[int, int]) -> None:
     held(doubling, worker)
-    worker.submit(1)
     threading.Timer(0.05, doubling.go_on.set).start()
-    assert worker.call(lambda: list(doubling.groups)) == [[0], [1]]
+    assert worker.call(lambda: list(doubling.groups)) == [[0]]
+
+
+def test_heavy_tasks_come_in_small_groups_after_light_ones(doubling: Doubling, worker: GroupWorker[int, int]) -> None:
+    held(doubling, worker)
+    heavy = HEAVIEST_GROUP // 2
+    answers = [worker.submit(task, heavy, f"flush {task}") for task in (1, 2, 3)]
+    answers += [worker.submit(task, LIGHT, "live") for task in (4, 5)]
+    doubling.go_on.set()
+    assert [answer.result(10.0) for answer in answers] == [2, 4, 6, 8, 10]
+    assert doubling.groups == [[0], [4, 5], [1, 2], [3]]
+
+
+def test_a_task_alone_may_be_heavier_than_a_group(doubling: Doubling, worker: GroupWorker[int, int]) -> None:
+    assert worker.submit(1, 10 * HEAVIEST_GROUP).result(10.0) == 2
+
+
+def test_light_tasks_do_not_overtake_a_heavy_one_of_the_same_owner(
+    doubling: Doubling, worker: GroupWorker[int, int]
+) -> None:
+    held(doubling, worker)
+    answers = [worker.submit(task, weight, "one") for task, weight in ((1, 0), (2, LIGHT + 1), (3, 0))]
+    answers.append(worker.submit(4, 0, "other"))
+    doubling.go_on.set()
+    assert [answer.result(10.0) for answer in answers] == [2, 4, 6, 8]
+    assert doubling.groups == [[0], [1, 4], [2, 3]]
+    worker.submit(5, 0, "one").result(10.0)
+    assert not worker._heavy_of
+
+
+def test_a_closed_worker_answers_what_waits_and_refuses_the_rest(
+    doubling: Doubling, worker: GroupWorker[int, int]
+) -> None:
+    held(doubling, worker)
+    answers = [worker.submit(task, LIGHT * task) for task in range(1, 100)]
+    threading.Timer(0.05, doubling.go_on.set).start()
+    worker.close()
+    assert [answer.result(0.0) for answer in answers] == [2 * task for task in range(1, 100)]
+    with pytest.raises(ClosedError):
+        worker.submit(1)
+    with pytest.raises(ClosedError):
+        worker.call(lambda: None)
 
 
 def test_an_event_loop_gets_its_answers_and_one_that_gave_up_harms_nobody(
