@@ -31,8 +31,8 @@ def test_what_the_malls_legs_say_has_not_got_worse(legs: dict[str, float], figur
 
 def test_what_is_said_of_the_errors_is_true(legs: dict[str, float]) -> None:
     assert legs["end_nees_low"] <= legs["end_nees"] <= legs["end_nees_high"]
-    for figure in ("leg_within_2_sigma", "heading_within_2_sigma"):
-        assert 0.93 <= legs[figure] <= 1.0
+    for figure in (f"{name}_within_{sigmas}_sigma" for name in ("leg", "heading") for sigmas in (1, 2)):
+        assert EXPERIMENT.at_least[figure] <= legs[figure] <= EXPERIMENT.at_most[figure], figure
 
 
 def test_the_stride_that_ships_is_the_one_that_the_traces_give(legs: dict[str, float]) -> None:
