@@ -154,7 +154,7 @@ to one within 0.25 s at one lag per recording (`step_f1_common_lag`: at one lag 
 `false_steps_per_s` what is told before the first and after the last true step. Figures without a prefix are of the
 method that ships, its constants chosen on two people and judged on the third. Three people are few: two of them hardly
 handle the phone before and after they walk, and constants chosen on those two tell more false steps of the third than
-is asked, and miscount one of her purse recordings by more. `shipped_*` has the constants that ship, which have seen all
+is asked, and miscount one of their purse recordings by more. `shipped_*` has the constants that ship, which have seen all
 three, and stays within all of these bars.
 
 *Legs*: 80 traces of surveyors in a shopping mall (`indoor-location`, 2.9 km, one phone model, held flat), way-points
@@ -169,15 +169,14 @@ each trace the best of sixteen pairs of time constant (1 to 30 s) and iron on al
 5 m). It is worse by what choosing among equals costs: the eight pairs with an iron of 6 or 10 µT are within a standard
 error of each other. North is the plan's +y; magnetic declination is not taken out.
 `*_within_N_sigma` and `end_nees` compare errors with the variances that the gateway tells. Neighbouring steps err
-alike, so that variances of single steps are as large as makes sums honest. In-sample: the spread of step lengths (30 % of a
-step, 8 % common to all) and of headings in the hand (30° of a step, 8° common to all) were chosen on these very traces,
+alike, so that variances of single steps are as large as makes sums honest. In-sample: the spread of step lengths (30 % of
+a step, 8 % common to all) and of headings in the hand (30° of a step, 8° common to all) were chosen on these very traces,
 so that these figures say that nothing got worse, and not what other people would give. A way-point is taken to be sure
 to 0.6 m: an assumption, for no truth tells how far a surveyor's tap is off; `end_nees_way_point_*` has none, 0.3 and
 0.6 m of it, and with none the NEES is above its bounds. `*_low` and `*_high` are between what honest variances would
 give in 95 of 100 data sets, legs taken as independent. The shares within one σ are above that: single legs come out
 better than told. Their bars are wider (0.60 to 0.85), set by what was seen, and only keep them from getting worse.
-`with_iron_*` leaves the phone's
-own iron in, `thesis_*` has also the thesis' time constant, `mean_compass_*` follows the gyroscope and the mean
+`with_iron_*` leaves the phone's own iron in, `thesis_*` has also the thesis' time constant, `mean_compass_*` follows the gyroscope and the mean
 compass, `rotation_vector_*` is the phone's own. Medians of a hundred legs hop by half a degree from one choice to the
 next; ninth deciles do so less. `second_half_*` is the error on the second half of a trace: of the universal model, of
 a plain line through (cadence, length) of the first half, and of that line with a prior. The line knows no bounce and

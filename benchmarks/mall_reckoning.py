@@ -185,10 +185,9 @@ def honesty(traces: Sequence[Trace], walked: Sequence[Walked]) -> dict[str, floa
     for name, size in {"leg": length, "heading": heading}.items():
         for sigmas in (1, 2):
             figures[f"{name}_within_{sigmas}_sigma"] = float(np.mean(size < sigmas))
-            ends = binom.ppf((0.025, 0.975), len(size), chi2.cdf(sigmas**2, 1)) / len(size)
-            figures |= {
-                f"{name}_within_{sigmas}_sigma_{end}": float(at) for end, at in zip(("low", "high"), ends, strict=True)
-            }
+            for end, share in (("low", 0.025), ("high", 0.975)):
+                inside = float(binom.ppf(share, len(size), chi2.cdf(sigmas**2, 1)))
+                figures[f"{name}_within_{sigmas}_sigma_{end}"] = inside / len(size)
     other_nees = {
         f"end_nees_way_point_{name}": float(_nees([end_errors(*pair, sigma) for pair in whole]).mean())
         for name, sigma in WAY_POINT_SIGMAS.items()
