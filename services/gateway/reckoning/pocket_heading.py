@@ -27,7 +27,8 @@ class PocketHeading:
     The dissertation does not say how the line gets its first sign. Here the thigh does: it swings forward faster than
     it goes back, for the leg is longer on the ground than in the air, so that the angular rate is skewed towards
     flexion. The evidence is added up as long as the phone stays where it is and turns the body vector round when it
-    speaks against it; until it is clear, ``other`` is the opposite heading.
+    speaks against it; until it is clear, ``other`` is the opposite heading. A walk's first strides are spliced to rest,
+    lopsided whichever way they go: they have no vote.
 
     Args:
         memory: steps after which a step counts 1/e in the body vector: a phone slips about in its pocket.
@@ -42,6 +43,9 @@ class PocketHeading:
             ("weight", np.float64),
             ("spread", np.float64),
             ("evidence", np.float64),
+            ("votes", np.int64),
+            ("last_step", np.float64),
+            ("begun", np.int64),
         ]
     )
     BIAS_VARIANCE = np.radians(5.0) ** 2
@@ -55,6 +59,13 @@ class PocketHeading:
     """Of the sign, per unit of the gyroscope's skewness."""
     ODDS_LIMIT = 4.0
     """No sign is surer than exp(this) to one: people differ, and no recording of ours could test it."""
+
+    ODDS_PER_VOTE = 0.5
+    """No sign is surer than exp(this x strides that voted): one stride alone proves little."""
+    SPLICED = 3
+    """Steps of a walk that have no vote: the stride that ends there may have begun at rest."""
+    REST = 2.0
+    """Seconds without a step after which a walk begins anew, with strides spliced to rest."""
 
     def __init__(self, memory: float = 20.0, robust: bool = False) -> None:
         self._keep = np.exp(-1.0 / memory)
@@ -77,10 +88,13 @@ class PocketHeading:
             row = np.flatnonzero(place == count)
             phone = steps.phone[row]
             use = row[found.known[row]]
-            self._learn(state, steps.phone[use], body[use], cue[use])
+            begun = self._since_rest(state, phone, steps.t[row])
+            votes = (begun > self.SPLICED)[found.known[row]]
+            self._learn(state, steps.phone[use], body[use], cue[use], votes)
             ahead[row] = np.einsum("mij,mj->mi", turned[row], state["ahead"][phone])
             variance[row] = self._variance(state["weight"][phone], state["spread"][phone])
-            odds[row] = np.minimum(self.LOG_ODDS * state["evidence"][phone], self.ODDS_LIMIT)
+            most = np.minimum(self.ODDS_PER_VOTE * state["votes"][phone], self.ODDS_LIMIT)
+            odds[row] = np.minimum(self.LOG_ODDS * state["evidence"][phone], most)
         heading = np.arctan2(ahead[:, 0], ahead[:, 1])
         nothing = np.hypot(*ahead.T) < 1e-6
         variance = np.where(nothing, UNKNOWN_VARIANCE, variance)
@@ -88,8 +102,18 @@ class PocketHeading:
         other = np.where(nothing, heading, _wrap(heading + np.pi))
         return StepHeadings(heading, variance, np.full(len(line), self.BIAS_VARIANCE), other, doubt)
 
-    def _learn(self, state: State, phone: NDArray[np.int64], body: Array, cue: Array) -> None:
-        """Take one stride of each of some phones into the body vector; ``body`` (k, 3) has no sign yet."""
+    def _since_rest(self, state: State, phone: NDArray[np.int64], t: Array) -> NDArray[np.int64]:
+        """Return of one step each of k phones which it is since the phone rested, from 1 on, (k,)."""
+        rested = (state["last_step"][phone] <= 0.0) | (t - state["last_step"][phone] > self.REST)
+        state["begun"][phone] = begun = np.where(rested, 1, state["begun"][phone] + 1)
+        state["last_step"][phone] = t
+        return begun
+
+    def _learn(self, state: State, phone: NDArray[np.int64], body: Array, cue: Array, votes: NDArray[np.bool_]) -> None:
+        """Take one stride of each of k phones into the body vector; ``body`` (k, 3) has no sign yet.
+
+        ``votes`` (k,) are the strides whose ``cue`` (k,) tells it.
+        """
         ahead, weight = state["ahead"][phone], state["weight"][phone]
         sign = np.where(np.einsum("ki,ki->k", body, ahead) < 0.0, -1.0, 1.0)
         body = body * sign[:, None]
@@ -102,10 +126,11 @@ class PocketHeading:
         gain = own / weight
         state["spread"][phone] = spread + np.maximum(gain, 0.05) * (weight > own) * (off - spread)
         ahead = ahead + gain[:, None] * (body - ahead)
-        evidence = self._keep * state["evidence"][phone] + cue * sign
+        evidence = self._keep * state["evidence"][phone] + np.where(votes, cue * sign, 0.0)
         turn = np.where(evidence < 0.0, -1.0, 1.0)
         state["ahead"][phone], state["weight"][phone] = ahead * turn[:, None], weight
         state["evidence"][phone] = np.abs(evidence)
+        state["votes"][phone] += votes
 
     def _variance(self, weight: Array, spread: Array) -> Array:
         variance: Array = self.BIAS_VARIANCE + self.YIELDS + spread / np.maximum(weight, 1.0)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.gait_walks import Walk, replay, swinging_thigh
+from benchmarks.gait_walks import Walk, replay, rested, swinging_thigh, twin_walk
+from services.gateway.reckoning.dead_reckoning import DeadReckoner, InertialSamples
+from services.gateway.reckoning.dead_reckoning import Walk as Record
 from services.gateway.reckoning.hops import RATE
 from services.gateway.reckoning.pocket_heading import (
     PocketHeading,
@@ -109,6 +111,22 @@ def test_the_opposite_heading_is_offered_while_the_sign_is_unsure() -> None:
     known = table[table[:, 1] != 0.0]
     assert 0.5 >= known[0, 5] > known[10, 5] > 0.0
     assert np.cos(known[:, 1] - known[:, 4]) == pytest.approx(-1.0)
+
+
+def test_no_first_step_after_a_rest_is_sure_and_backwards() -> None:
+    for seed in (508, 509, 720):
+        walk = rested(twin_walk(seed, [(25.0, 0.0)], "pocket"), np.random.default_rng(seed), 5.0)
+        phone, reckoner = Record("pocket"), DeadReckoner(0.0)
+        t = 1e9 + (np.arange(len(walk.acceleration)) + 0.5) / RATE
+        (motions,) = reckoner.advance([phone], [InertialSamples(t, walk.acceleration, walk.rate, walk.field)])
+        step_t, heading, doubt = (
+            np.concatenate([getattr(m, name) for m in motions]) for name in ("step_t", "heading", "other_probability")
+        )
+        backwards = np.cos(heading + walk.heading_at(step_t - 1e9)) < 0.0
+        assert len(step_t) > 25
+        assert (doubt[backwards] > 0.4).all()
+        assert not backwards[8:].any()
+        assert doubt[-1] < 0.05
 
 
 @pytest.mark.parametrize("robust", [False, True])
