@@ -8,7 +8,7 @@ One run gathers what is measured apart: steps on foot-switch recordings (``step_
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,7 +67,7 @@ def mall(data: Path, rivals: bool = True) -> Mall:
         laws = {name: held_out(law, traces, shipped, gaits)[0] for name, law in LAWS.items() if name != "universal"}
         chosen, constants = chosen_headings(traces)
         figures["chosen_compass_tau_s"], figures["chosen_iron_sigma"] = np.median(constants, axis=0).tolist()
-        ways = {"chosen": chosen, **rival_headings(traces)}
+        ways = {name: _relengthened(traces, way) for name, way in [("chosen", chosen), *rival_headings(traces).items()]}
         for name, other in laws.items():
             told = scores(traces, other)
             figures |= {f"{name}_{figure}": told[figure] for figure in ("leg_error", "trace_total_error", "end_drift")}
@@ -75,8 +75,14 @@ def mall(data: Path, rivals: bool = True) -> Mall:
             told = scores(traces, other)
             kept = ("heading_error_deg", "heading_error_p90_deg", "turn_error_deg", "end_drift")
             figures |= {f"{name}_{figure}": told[figure] for figure in kept}
-        figures |= personal(traces, shipped, gaits)
+        figures |= personal(traces, walked, gaits)
     return Mall(traces, walked, laws, ways, figures)
+
+
+def _relengthened(traces: Sequence[Trace], way: Sequence[Walked]) -> list[Walked]:
+    """Return walks with other headings, their lengths by the universal law as held out as where it is judged."""
+    gaits = [gait(trace, walked.t) for trace, walked in zip(traces, way, strict=True)]
+    return held_out(LAWS["universal"], traces, way, gaits)[0]
 
 
 def run(options: Options, progress: Progress) -> Figures:
@@ -150,37 +156,37 @@ MADE = """Six measurements, gathered; what is fitted is fitted without the perso
 *Steps*: 33 recordings of three people (`step-counter`), whole files with their seconds of handling, against foot
 switches with the edges that one of them missed repaired; the truth itself is sure to 0 to 2 %. `step_error_*` is the
 median error of a recording's count by position, `step_worst_*` of the worst recording, `step_f1` of steps matched one
-to one within 0.25 s at one lag per recording (`step_f1_common_lag`: at one lag for all recordings),
-`false_steps_per_s` what is told before the first and after the last true step. Figures without a prefix are of the
-method that ships, its constants chosen on two people and judged on the third. Three people are few: two of them hardly
-handle the phone before and after they walk, and constants chosen on those two tell more false steps of the third than
-is asked, and miscount one of their purse recordings by more. `shipped_*` has the constants that ship, which have seen all
-three, and stays within all of these bars.
+to one within 0.25 s at one lag per recording (`step_f1_common_lag`: at one lag for all recordings), `false_steps_per_s`
+what is told before the first and after the last true step. Figures without a prefix are of the method that ships, its
+constants chosen on two people and judged on the third. Three people are few: two of them hardly handle the phone before
+and after they walk, and constants chosen on those two tell more false steps of the third than is asked, and miscount
+one of their purse recordings by more. `shipped_*` has the constants that ship, which have seen all three, and stays
+within all of these bars.
 
 *Legs*: 80 traces of surveyors in a shopping mall (`indoor-location`, 2.9 km, one phone model, held flat), way-points
-stamped by hand. A step counts to the leg in which it ended. `leg_error` is of legs over 5 m, `heading_error_deg` of
-the mean heading of legs over 10 m without the first 1.2 s, `turn_error_deg` of the change of heading between
-neighbouring legs over 5 m, `end_drift` the distance by which the end of a trace of 20 m or more is missed, as a share
-of its way; medians all. The universal stride model is fitted leg by leg to all traces but the one judged, its slopes
-believed by three quarters (`bounce_fully_*`: fully); `shipped_*` has the stride that ships. `heading_error_deg`
-is of the constants that ship, which are not held out: these traces were seen when the sizes of iron and building and
-the compass's 15 s were settled, though the bias's size is that of phones at large. `chosen_*` is held out: it takes for
-each trace the best of sixteen pairs of time constant (1 to 30 s) and iron on all others (by the mean error of legs over
-5 m). It is worse by what choosing among equals costs: the eight pairs with an iron of 6 or 10 µT are within a standard
-error of each other. North is the plan's +y; magnetic declination is not taken out.
-`*_within_N_sigma` and `end_nees` compare errors with the variances that the gateway tells. Neighbouring steps err
-alike, so that variances of single steps are as large as makes sums honest. In-sample: the spread of step lengths (30 % of
-a step, 8 % common to all) and of headings in the hand (30° of a step, 8° common to all) were chosen on these very traces,
-so that these figures say that nothing got worse, and not what other people would give. A way-point is taken to be sure
-to 0.6 m: an assumption, for no truth tells how far a surveyor's tap is off; `end_nees_way_point_*` has none, 0.3 and
-0.6 m of it, and with none the NEES is above its bounds. `*_low` and `*_high` are between what honest variances would
-give in 95 of 100 data sets, legs taken as independent. The shares within one σ are above that: single legs come out
-better than told. Their bars are wider (0.60 to 0.85), set by what was seen, and only keep them from getting worse.
-`with_iron_*` leaves the phone's own iron in, `thesis_*` has also the thesis' time constant, `mean_compass_*` follows the gyroscope and the mean
-compass, `rotation_vector_*` is the phone's own. Medians of a hundred legs hop by half a degree from one choice to the
-next; ninth deciles do so less. `second_half_*` is the error on the second half of a trace: of the universal model, of
-a plain line through (cadence, length) of the first half, and of that line with a prior. The line knows no bounce and
-half a trace is short: it learns from more than that, or not at all.
+stamped by hand. A step counts to the leg in which it ended. `leg_error` is of legs over 5 m, `heading_error_deg` of the
+mean heading of legs over 10 m without the first 1.2 s, `turn_error_deg` of the change of heading between neighbouring
+legs over 5 m, `end_drift` the distance by which the end of a trace of 20 m or more is missed, as a share of its way;
+medians all. The universal stride model is fitted leg by leg to all traces but the one judged, its slopes believed by
+three quarters (`bounce_fully_*`: fully); `shipped_*` has the stride that ships. `heading_error_deg` is of the constants
+that ship, which are not held out: these traces were seen when the sizes of iron and building and the compass's 15 s
+were settled, though the bias's size is that of phones at large. `chosen_*` is held out: it takes for each trace the
+best of sixteen pairs of time constant (1 to 30 s) and iron on all others (by the mean error of legs over 5 m). It is
+worse by what choosing among equals costs: the eight pairs with an iron of 6 or 10 µT are within a standard error of
+each other. North is the plan's +y; magnetic declination is not taken out. `*_within_N_sigma` and `end_nees` compare
+errors with the variances that the gateway tells. Neighbouring steps err alike, so that variances of single steps are as
+large as makes sums honest. In-sample: the spread of step lengths (30 % of a step, 8 % common to all) and of headings in
+the hand (30° of a step, 8° common to all) were chosen on these very traces, so that these figures say that nothing got
+worse, and not what other people would give. A way-point is taken to be sure to 0.6 m: an assumption, for no truth tells
+how far a surveyor's tap is off; `end_nees_way_point_*` has none, 0.3 and 0.6 m of it, and with none the NEES is above
+its bounds. `*_low` and `*_high` are between what honest variances would give in 95 of 100 data sets, legs taken as
+independent. The shares within one σ are above that: single legs come out better than told. Their bars are wider (0.60
+to 0.85), set by what was seen, and only keep them from getting worse. `with_iron_*` leaves the phone's own iron in,
+`thesis_*` has also the thesis' time constant, `mean_compass_*` follows the gyroscope and the mean compass,
+`rotation_vector_*` is the phone's own. Medians of a hundred legs hop by half a degree from one choice to the next;
+ninth deciles do so less. `second_half_*` is the error on the second half of a trace: of the universal model fitted to
+all other traces, of a plain line through (cadence, length) of the first half, and of that line with a prior. The line
+knows no bounce and half a trace is short: it learns from more than that, or not at all.
 
 *Pocket* (`pocket_*`, the five rivals of the dissertation, `thigh_*` for a swinging thigh that shares no code with the
 twin) and *side of the phone* (`offset_*`) are of the twin, whose gait follows the same studies: they say that the

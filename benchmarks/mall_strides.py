@@ -98,7 +98,8 @@ def held_out(
 def personal(traces: Sequence[Trace], walked: Sequence[Walked], gaits: Sequence[Gait]) -> dict[str, float]:
     """Return the median error on the second halves of traces, of three models.
 
-    What ships; a plain line through the steps of the first half; the line with the prior of ``fit_line`` through them.
+    The universal one, whose lengths ``walked`` has and which must not have seen the trace; a plain line through the
+    steps of the first half; the line with the prior of ``fit_line`` through them.
     """
     errors: dict[str, list[float]] = {"universal": [], "plain": [], "prior": []}
     for trace, one, its in zip(traces, walked, gaits, strict=True):
