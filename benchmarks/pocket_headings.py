@@ -38,7 +38,7 @@ METHODS = ("pocket", *RIVALS)
 RESTS = 10.0
 """Seconds that the phone of a rested walk lies still before it."""
 SETTLES = 20.0
-"""Seconds at the beginning that are not scored: filter and detector begin."""
+"""Seconds after which filter and detector have begun; ``pocket_settled_heading_deg`` is of the steps from there on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +108,8 @@ def headings(walks: Sequence[Walk], steps: Sequence[Array], method: PocketHeadin
     return [(part[:, 1], part[:, 2], part[:, 3]) for part in each]
 
 
-def tell(walks: Sequence[Walk], steps: Sequence[Array], settles: float = SETTLES) -> list[Told]:
-    """Return what all methods tell of the same steps."""
+def tell(walks: Sequence[Walk], steps: Sequence[Array], settles: float = 0.0) -> list[Told]:
+    """Return what all methods tell of the same steps, those of the first ``settles`` seconds left out."""
     all_told = []
     for walk, mine in zip(walks, steps, strict=True):
         (t, heading, variance) = headings([walk], [mine], PocketHeading())[0]
@@ -142,7 +142,8 @@ def measure(seed: int, walkers: int = 8) -> dict[str, float]:
     twin = _twin(seed, walkers)
     calm = [rested(walk, np.random.default_rng([seed, row]), RESTS) for row, walk in enumerate(twin)]
     thighs = [swinging_thigh(np.random.default_rng([seed, number])) for number in range(walkers)]
-    told = tell(*shipped(twin))
+    known = shipped(twin)
+    told = tell(*known)
     figures = {"pocket_steps": float(sum(len(each.t) for each in told))}
     for name in METHODS:
         errors = np.degrees(np.abs(np.concatenate([each.error(name) for each in told])))
@@ -160,7 +161,8 @@ def measure(seed: int, walkers: int = 8) -> dict[str, float]:
     lengths = [swing_length_errors(walk) for walk in twin]
     figures["swing_length_step_error"] = float(np.median(np.abs(np.concatenate(lengths))))
     figures["swing_length_distance_error"] = float(np.median([abs(each.mean()) for each in lengths]))
-    figures["pocket_rested_heading_deg"] = _medians(tell(*shipped(calm), RESTS + SETTLES))["pocket"]
+    figures["pocket_rested_heading_deg"] = _medians(tell(*shipped(calm), RESTS))["pocket"]
+    figures["pocket_settled_heading_deg"] = _medians(tell(*known, SETTLES))["pocket"]
     for label, group in (("known_steps", twin), ("thigh", thighs)):
         for name, median in _medians(tell(group, [walk.steps for walk in group])).items():
             figures[f"{label}_{name}_heading_deg"] = median
