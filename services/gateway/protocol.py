@@ -70,7 +70,10 @@ class Enrolment(msgspec.Struct, frozen=True, kw_only=True):
     carrying: Carrying = "unknown"
     """How the phone is carried; ``PATCH`` it when that changes."""
     transmitters: list[str] = []
-    """Addresses of the carrier's own transmitters (a tag, a wristband) that the site's receivers hear; at most 8."""
+    """The carrier's own transmitters (a tag, a wristband) that receivers hear; at most 8, with ``staff_key``:
+    ``AA:BB:CC:DD:EE:FF``, ``iBeacon:UUID-MAJOR-MINOR`` or ``irk:`` and 32 hexadecimal digits."""
+    staff_key: str = ""
+    """With ``transmitters`` only: staff have seen that they are the carrier's own."""
 
 
 class Enrolled(msgspec.Struct, frozen=True, kw_only=True):
@@ -115,8 +118,8 @@ class TokenRequest(msgspec.Struct, frozen=True, kw_only=True):
 
     scopes: Annotated[list[Scope], msgspec.Meta(min_length=1, max_length=3)]
     """``post``: post batches. ``read``: read position, zones and alerts. ``manage``: everything else."""
-    seconds: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
-    """How long it is valid; at most, and by default, as long as the token that asks for it."""
+    seconds: Annotated[float, msgspec.Meta(ge=60.0)] | None = None
+    """How long it is valid, a minute or more; at most, and by default, as long as the token that asks for it."""
 
 
 class NewToken(msgspec.Struct, frozen=True, kw_only=True):

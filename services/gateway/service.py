@@ -7,6 +7,9 @@ import threading
 import time
 from typing import ClassVar
 
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
+
 from services.gateway.adapters.mqtt_broker import Broker
 from services.gateway.adapters.mqtt_receivers import MqttReceivers
 from services.gateway.devices.consent import read_consent
@@ -29,8 +32,13 @@ from shared.settings import ServiceSettings
 
 __all__ = ["GatewayService"]
 
+PURGED_EVERY = 3600.0
+"""Seconds between two looks for expired tokens."""
+
 SWITCH_INTERVAL = 0.0005
 """Seconds between Python's threads: a request must not wait for other phones' arithmetic. Usual is 0.005."""
+
+log = structlog.get_logger(__name__)
 
 
 class GatewayService(Service[GatewaySettings]):
@@ -59,7 +67,7 @@ class GatewayService(Service[GatewaySettings]):
         receivers = ReceiverBook(
             self.site,
             self.bus,
-            store.devices_by_digest,
+            lambda: store.devices_by_digest(time.time()),
             settings.address_key.get_secret_value(),
             settings.live_lateness,
         )
@@ -74,7 +82,7 @@ class GatewayService(Service[GatewaySettings]):
         inbox.subscribe(self.keys.alert(), Alert, cached=True)
         threads = [
             threading.Thread(target=self._follow, args=(inbox, positions, alerts), name="own data", daemon=True),
-            threading.Thread(target=self._rest, args=(phones,), name="rest", daemon=True),
+            threading.Thread(target=self._rest, args=(phones, store), name="rest", daemon=True),
             threading.Thread(target=erasures.run, args=(self.stopping,), name="erasures", daemon=True),
             threading.Thread(
                 target=receivers.run, args=(self.stopping, settings.token_recheck), name="receivers", daemon=True
@@ -141,6 +149,14 @@ class GatewayService(Service[GatewaySettings]):
             positions.forget_old(time.monotonic())
             alerts.forget_old(time.monotonic())
 
-    def _rest(self, phones: PhoneBook) -> None:
+    def _rest(self, phones: PhoneBook, store: DeviceStore) -> None:
+        purged = -PURGED_EVERY
         while not self.stopping.wait(min(30.0, self.settings.phone_idle)):
-            phones.rest(time.monotonic())
+            now = time.monotonic()
+            phones.rest(now)
+            if now - purged >= PURGED_EVERY:
+                purged = now
+                try:
+                    store.purge(time.time())
+                except SQLAlchemyError as error:
+                    log.warning("expired tokens stay for now", error=str(error).partition("\n")[0])

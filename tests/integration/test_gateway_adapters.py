@@ -24,6 +24,7 @@ from shared.messages import Message, MotionBatch, RadioScan
 
 FIXTURES = ROOT / "tests/fixtures"
 KEY = "a-key-for-tests"
+STAFF = "a-key-for-staff-of-tests"
 RECEIVER_KEY = "a-key-for-receivers-of-tests"
 TAG, BEACON = "02:EE:00:00:00:01", "iBeacon:426c7565-0000-4000-8000-000000000001-3838-4949"
 RECEIVERS = ["pi-entrance", "entrance", "TheengsGateway", "OMG_Hall"]
@@ -62,6 +63,8 @@ class World:
 
     def enrol(self, *transmitters: str) -> tuple[str, str]:
         body = {"enrolment_key": KEY, "consent": True, "carrying": "hand", "transmitters": list(transmitters)}
+        if transmitters:
+            body["staff_key"] = STAFF
         answer = self.http.post("/v1/devices", json=body)
         assert answer.status_code == 201, answer.text
         return answer.json()["device"], answer.json()["token"]
@@ -92,6 +95,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
     environment = {
         "ATRIUM_GATEWAY_PORT": str(port),
         "ATRIUM_ENROLMENT_KEY": KEY,
+        "ATRIUM_STAFF_KEY": STAFF,
         "ATRIUM_RECEIVER_KEY": RECEIVER_KEY,
         "ATRIUM_MQTT_URL": broker.url,
         "ATRIUM_LOG_LEVEL": "debug",
@@ -316,7 +320,7 @@ def test_bad_posts_are_refused_in_the_senders_words_and_nothing_is_published(wor
             422,
             "payload[0].values.x",
         ),
-        (path, b"x" * 2_000_000, 413, "body"),
+        (path, b"x" * 3_000_000, 413, "body"),
         (path + "?frame=up", session()[0], 422, "frame"),
         (f"/v1/adapters/find3/{token}/data", b'{"d":"a","t":17,"s":{}}', 422, "t"),
         (

@@ -11,10 +11,12 @@ from typing import Any
 
 import httpx
 import pytest
-from gateway_process import KEY, Listener, Phone, Running, problem, running_gateway
+from gateway_process import KEY, STAFF, Listener, Phone, Running, problem, running_gateway
 from jsonschema_rs import Draft202012Validator
 from waiting import wait_until
 
+from services.gateway.devices.tokens import TokenSigner, keys_of
+from services.gateway.settings import GatewaySettings
 from shared.messages import Alert
 
 CONSENT = "version: 2026-05\nMay we?\n"
@@ -154,17 +156,41 @@ def test_the_consent_text_is_the_sites_and_only_its_version_is_agreed_to(gateway
 
 def test_transmitters_are_one_devices_and_come_free_when_it_goes(gateway: Running) -> None:
     tag = "02:B7:00:00:00:99"
-    first = enrol(gateway, transmitters=[tag])
+    first = enrol(gateway, transmitters=[tag], staff_key=STAFF)
     assert first.status_code == 201
-    answer = enrol(gateway, transmitters=["02:b7:00:00:00:98", tag.lower()])
+    answer = enrol(gateway, transmitters=["02:b7:00:00:00:98", tag.lower()], staff_key=STAFF)
     assert (answer.status_code, problem(answer)["field"]) == (422, "transmitters[1]")
-    for wrong in (["x"] * 9, [""], ["x" * 65], [1]):
-        answer = enrol(gateway, transmitters=wrong)
+    for wrong in (["x"] * 9, [""], ["x" * 65], ["apple:1005:9-24"], [1]):
+        answer = enrol(gateway, transmitters=wrong, staff_key=STAFF)
         assert answer.status_code == 422
         assert problem(answer)["field"].startswith("transmitters")
     headers = {"Authorization": f"Bearer {first.json()['token']}"}
     assert gateway.http.delete(f"/v1/devices/{first.json()['device']}", headers=headers).status_code == 204
-    assert enrol(gateway, transmitters=[tag]).status_code == 201
+    assert enrol(gateway, transmitters=[tag], staff_key=STAFF).status_code == 201
+
+
+def test_only_staff_claim_transmitters(gateway: Running) -> None:
+    for key in ({}, {"staff_key": "a wrong one"}, {"staff_key": KEY}):
+        answer = enrol(gateway, transmitters=["02:b7:00:00:00:97"], **key)
+        assert (answer.status_code, problem(answer)["field"]) == (403, "staff_key")
+
+
+def test_a_token_may_withdraw_the_consent_after_its_end_and_nothing_else(gateway: Running) -> None:
+    phone, other = Phone(gateway), Phone(gateway)
+    signer = TokenSigner(keys_of(GatewaySettings.model_fields["token_key"].default.get_secret_value()))
+    claims = signer.read(phone.enrolled["token"], time.time())
+    assert claims is not None
+
+    def ended(days: float, device: str = phone.device) -> dict[str, str]:
+        text = signer.sign(device, claims.id, ("post", "read", "manage"), time.time() - days * 86_400)
+        return {"Authorization": f"Bearer {text}"}
+
+    path = f"/v1/devices/{phone.device}"
+    assert phone.http.get(f"{path}/alerts", headers=ended(1)).status_code == 401
+    assert phone.http.delete(path, headers=ended(31)).status_code == 401
+    assert phone.http.delete(f"/v1/devices/{other.device}", headers=ended(1, other.device)).status_code == 401
+    assert phone.http.delete(path, headers=ended(29)).status_code == 204
+    assert phone.post(phone.batch(0)).status_code == 401
 
 
 def test_how_a_phone_is_carried_can_change(gateway: Running) -> None:
@@ -243,7 +269,7 @@ def test_a_token_request_that_asks_too_much_is_refused(gateway: Running) -> None
     manager = Token(phone, phone.headers, scopes=["manage"])
     answer = phone.http.post(path, json={"scopes": ["manage", "read"]}, headers=manager.headers)
     assert (answer.status_code, problem(answer)["found"]) == (403, "read")
-    for wrong in ({}, {"scopes": []}, {"scopes": ["fly"]}, {"scopes": ["post"], "seconds": 0}):
+    for wrong in ({}, {"scopes": []}, {"scopes": ["fly"]}, {"scopes": ["post"], "seconds": 59}):
         assert phone.http.post(path, json=wrong, headers=phone.headers).status_code == 422
     for _ in range(18):
         Token(phone, phone.headers, scopes=["post"])

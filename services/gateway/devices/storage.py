@@ -9,9 +9,9 @@ import secrets
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from sqlalchemy import Engine, delete, select, update
+from sqlalchemy import Engine, Exists, delete, exists, select, update
 from sqlalchemy.exc import IntegrityError
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from services.gateway.devices.tables import (
     ConsentRow,
@@ -22,6 +22,7 @@ from services.gateway.devices.tables import (
     TransmitterRow,
     WalkerRow,
 )
+from services.gateway.devices.tokens import WITHDRAWABLE
 from services.gateway.devices.transmitters import digest_of
 
 __all__ = ["DeviceStore", "Newcomer", "Registered", "StoredToken", "TransmitterTakenError", "Walker"]
@@ -123,7 +124,7 @@ class DeviceStore:
             session.flush()
             session.add(ConsentRow(device=device.id, version=newcomer.consent_version, given=now, withdrawn=None))
             session.add(_token_row(device.id, token))
-            _add_transmitters(session, device.id, newcomer.transmitters, address_key)
+            _add_transmitters(session, device.id, newcomer.transmitters, address_key, now)
         return device, token
 
     def add_token(self, device: str, now: float, scopes: Iterable[str], expires: float) -> StoredToken:
@@ -168,6 +169,14 @@ class DeviceStore:
         with Session(self._engine) as session, session.begin():
             return bool(session.execute(change).rowcount)  # type: ignore[attr-defined]
 
+    def purge(self, now: float) -> None:
+        """Delete tokens that open nothing any more, and let go the transmitters of devices without a valid token."""
+        with Session(self._engine) as session, session.begin():
+            session.execute(delete(TransmitterRow).where(~_is_valid(TransmitterRow.device, now)))
+            session.execute(
+                delete(TokenRow).where(TokenRow.revoked.is_not(None) | (TokenRow.expires <= now - WITHDRAWABLE))
+            )
+
     def exists(self, device: str) -> bool:
         """Whether a device of this id is enrolled now."""
         query = select(DeviceRow.id).where(DeviceRow.id == device, DeviceRow.revoked.is_(None))
@@ -179,21 +188,12 @@ class DeviceStore:
         with Session(self._engine) as session, session.begin():
             session.execute(update(DeviceRow).where(DeviceRow.id == device).values(carrying=carrying))
 
-    def add_transmitters(self, device: str, addresses: Iterable[str], address_key: str) -> None:
-        """Store with what the carrier of a device transmits.
-
-        Raises:
-            TransmitterTakenError: another device has one of them; nothing is stored.
-        """
-        with Session(self._engine) as session, session.begin():
-            _add_transmitters(session, device, tuple(addresses), address_key)
-
-    def devices_by_digest(self) -> dict[str, Registered]:
-        """Return who transmits: devices by the keyed digest of an address (``transmitters.digest_of``)."""
+    def devices_by_digest(self, now: float) -> dict[str, Registered]:
+        """Return who transmits: devices with a valid token by the keyed digest of an address (``digest_of``)."""
         query = (
             select(TransmitterRow.digest, DeviceRow.id, DeviceRow.carrying)
             .join(DeviceRow, DeviceRow.id == TransmitterRow.device)
-            .where(DeviceRow.revoked.is_(None))
+            .where(DeviceRow.revoked.is_(None), _is_valid(TransmitterRow.device, now))
         )
         with Session(self._engine) as session:
             return {row.digest: Registered(row.id, row.carrying) for row in session.execute(query)}
@@ -229,6 +229,11 @@ class DeviceStore:
             session.merge(ErasureRow(device=device, withdrawn=now))
 
 
+def _is_valid(device: InstrumentedAttribute[str], now: float) -> Exists:
+    """Whether a device has a token that is valid now."""
+    return exists().where(TokenRow.device == device, TokenRow.revoked.is_(None), TokenRow.expires > now)
+
+
 def _token_row(device: str, token: StoredToken) -> TokenRow:
     return TokenRow(
         id=token.id,
@@ -244,7 +249,10 @@ def _walker(row: WalkerRow | None) -> Walker | None:
     return None if row is None else Walker(row.peak, row.mean, row.slope, row.offset, row.scale_variance)
 
 
-def _add_transmitters(session: Session, device: str, addresses: tuple[str, ...], address_key: str) -> None:
+def _add_transmitters(session: Session, device: str, addresses: tuple[str, ...], address_key: str, now: float) -> None:
+    if addresses:  # those that an expired visit holds come free
+        session.flush()
+        session.execute(delete(TransmitterRow).where(~_is_valid(TransmitterRow.device, now)))
     for index, address in enumerate(addresses):
         digest = digest_of(address, address_key)
         found = session.get(TransmitterRow, digest)

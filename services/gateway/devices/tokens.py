@@ -12,7 +12,7 @@ from typing import Final
 
 import jwt
 
-__all__ = ["MANAGE", "POST", "READ", "SCOPES", "Claims", "TokenSigner", "keys_of"]
+__all__ = ["MANAGE", "POST", "READ", "SCOPES", "WITHDRAWABLE", "Claims", "TokenSigner", "keys_of"]
 
 POST: Final = "post"
 """Post batches."""
@@ -21,6 +21,8 @@ READ: Final = "read"
 MANAGE: Final = "manage"
 """Change or withdraw the enrolment, hand out and revoke tokens, send trial walks."""
 SCOPES: Final = (POST, READ, MANAGE)
+WITHDRAWABLE: Final = 30 * 86_400.0
+"""Seconds after its end during which a token may still withdraw the consent, and nothing else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,7 @@ class TokenSigner:
         return jwt.encode(claims, self._keys[self._signing], "HS256", headers={"kid": self._signing})
 
     def read(self, token: str, now: float) -> Claims | None:
-        """Return what a token says; None where no key of ours signed it, it has expired, or it is no token at all."""
+        """Return what a token says; None where no key of ours signed it, ``now`` is past its end, or it is none."""
         try:
             key = self._keys[jwt.get_unverified_header(token)["kid"]]
             said = jwt.decode(

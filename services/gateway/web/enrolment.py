@@ -14,6 +14,7 @@ from services.gateway.devices.enrolment import key_of, qr_svg, qr_text, same_key
 from services.gateway.devices.rate_limiter import RateLimiter
 from services.gateway.devices.storage import Newcomer, TransmitterTakenError
 from services.gateway.devices.tokens import SCOPES, TokenSigner
+from services.gateway.devices.transmitters import FORMS, can_be_enrolled
 from services.gateway.errors import RequestError, read_json, refuse
 from services.gateway.protocol import Consent, Enrolled, Enrolment, ErrorReply, FieldError
 from services.gateway.web.bodies import read_body
@@ -66,6 +67,16 @@ def enrolment_routes(gateway: Gateway, signer: TokenSigner) -> APIRouter:
         if not same_key(key_of(body.enrolment_key), settings.enrolment_key.get_secret_value()):
             limiter.spend(address, WRONG_KEY_COSTS)
             refuse("enrolment_key", "is wrong", allowed="this site's key, or the text of its QR code", status=403)
+        if body.transmitters:
+            wanted = settings.staff_key
+            if wanted is None or not same_key(body.staff_key, wanted.get_secret_value()):
+                limiter.spend(address, WRONG_KEY_COSTS)
+                refuse(
+                    "staff_key",
+                    "is wrong",
+                    allowed="this site's staff key: transmitters are claimed by staff",
+                    status=403,
+                )
         limiter.spend(address)
         _check(body, gateway.consent.version)
         now = time.time()
@@ -127,6 +138,8 @@ def _check(body: Enrolment, version: str) -> None:
         refuse("transmitters", "too many", len(body.transmitters), f"at most {MOST_TRANSMITTERS}")
     for index, transmitter in enumerate(body.transmitters):
         _check_text(transmitter, f"transmitters[{index}]", 1)
+        if not can_be_enrolled(transmitter):
+            refuse(f"transmitters[{index}]", "is no name of one transmitter alone", transmitter, FORMS)
 
 
 def _check_text(text: str, field: str, shortest: int) -> None:

@@ -28,6 +28,7 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
             "consent_version": "1",
             "carrying": "pocket",
             "transmitters": ["02:b7:00:00:00:01"],
+            "staff_key": "a key that staff know",
         },
     },
     protocol.Enrolled: {

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Request, Response
 from prometheus_client import Counter
 from sqlalchemy.exc import SQLAlchemyError
 
-from services.gateway.devices.tokens import MANAGE, POST, READ
+from services.gateway.devices.tokens import POST, READ
 from services.gateway.errors import read_json, refuse
 from services.gateway.protocol import Change, OwnAlerts, OwnDevice, Position
 from services.gateway.web.bodies import header, read_body
@@ -64,8 +64,11 @@ def own_data_routes(gateway: Gateway, who_asks: WhoAsks, streams: Streams) -> AP
 
     @router.delete("/v1/devices/{device}", status_code=204, responses=answers(204, None, 401, 403, 404, 503))
     async def withdraw(device: str, request: Request) -> Response:
-        """Take the consent back: all tokens die at once and the device is forgotten. Scope: `manage`."""
-        await allow(request, device, MANAGE)
+        """Take the consent back: all tokens die at once and the device is forgotten. Scope: `manage`.
+
+        A token may do so for 30 days after its end too.
+        """
+        await who_asks.withdrawing(bearer(header(request.scope, b"authorization")), device)
         await gateway.work(gateway.store.withdraw, device, time.time())
         who_asks.forget(device)
         gateway.positions.forget(device)

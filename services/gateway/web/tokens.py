@@ -21,6 +21,8 @@ from shared.keys import is_identifier
 __all__ = ["token_routes"]
 
 REQUEST_BYTES = 4096
+SHORTEST = 60.0
+"""Seconds that a token handed out is valid at least."""
 MOST_TOKENS = 20
 """Valid at once, of one device."""
 
@@ -48,9 +50,11 @@ def token_routes(gateway: Gateway, who_asks: WhoAsks, signer: TokenSigner, strea
         if beyond:
             allowed = " ".join(sorted(grant.claims.scopes))
             refuse("scopes", "more than the token that asks may do itself", " ".join(beyond), allowed, 403)
+        expires = grant.claims.expires if body.seconds is None else min(now + body.seconds, grant.claims.expires)
+        if expires < now + SHORTEST:
+            refuse("seconds", "the token that asks ends too soon", expires - now, f"{SHORTEST:g} s or more")
         if len(await gateway.work(gateway.store.tokens, device, now)) >= MOST_TOKENS:
             refuse("scopes", "this device has too many tokens", MOST_TOKENS, "revoke one first")
-        expires = grant.claims.expires if body.seconds is None else min(now + body.seconds, grant.claims.expires)
         token = await gateway.work(gateway.store.add_token, device, now, wanted, expires)
         made = NewToken(
             id=token.id, token=signer.sign(device, token.id, wanted, expires), scopes=wanted, expires=expires
@@ -87,6 +91,7 @@ def token_routes(gateway: Gateway, who_asks: WhoAsks, signer: TokenSigner, strea
         who_asks.forget(device, token)
         if not known:
             refuse("token", "is none of this device's", token, "an id from the list of tokens", 404)
+        gateway.receivers.expect_news()  # the last token of a device lets its transmitters go
         await streams.close(device, "the token was revoked", token)
         return Response(status_code=204)
 

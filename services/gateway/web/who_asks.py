@@ -6,7 +6,7 @@ import time
 from typing import NoReturn
 
 from services.gateway.devices.known_tokens import Grant, KnownTokens
-from services.gateway.devices.tokens import TokenSigner
+from services.gateway.devices.tokens import MANAGE, WITHDRAWABLE, TokenSigner
 from services.gateway.errors import RequestError, refuse
 from services.gateway.protocol import FieldError
 from services.gateway.web.gateway import Gateway
@@ -53,6 +53,17 @@ class WhoAsks:
                 refuse("device", "the token is another device's", status=403)
             refuse("device", "is not enrolled", found=device, status=404)
         return _allowed(found, scope)
+
+    async def withdrawing(self, token: str, device: str) -> None:
+        """Let a token withdraw its device's consent, even for a while after its end; errors as of ``grant``."""
+        claims = self._signer.read(token, time.time() - WITHDRAWABLE)
+        if claims is None or claims.expires > time.time() or claims.device != device:
+            await self.grant(token, device, MANAGE)
+            return
+        registered = await self._gateway.work(self._gateway.store.by_token, claims.id)
+        if registered is None or registered.id != device:
+            _refuse_token()
+        _allowed(Grant(claims, registered), MANAGE)
 
     async def owner(self, token: str, scope: str) -> Grant:
         """Return whose token this is, if it may do this, where the path names no device; see ``grant``."""

@@ -11,7 +11,8 @@ from sqlalchemy import text
 from services.gateway.devices.database import VERSION_TABLE, migrate, open_engine, schema_problem
 from services.gateway.devices.storage import DeviceStore, Newcomer, Registered, TransmitterTakenError, Walker
 from services.gateway.devices.tables import Base
-from services.gateway.devices.transmitters import digest_of
+from services.gateway.devices.tokens import WITHDRAWABLE
+from services.gateway.devices.transmitters import can_be_enrolled, digest_of
 from shared.runner import ServiceError
 
 
@@ -102,12 +103,56 @@ def test_a_transmitter_belongs_to_one_device_and_comes_free_with_its_withdrawal(
     with pytest.raises(TransmitterTakenError) as caught:
         store.enrol(101.0, Newcomer("1", transmitters=(band, tag.lower())), ("post",), 200.0, KEY)
     assert caught.value.index == 1
-    assert {device.id for device in store.devices_by_digest().values()} == {first.id}  # nothing of the second is stored
-    store.add_transmitters(first.id, [band, tag], KEY)
-    assert store.devices_by_digest() == {digest_of(tag, KEY): first, digest_of("02:B7:00:00:00:02", KEY): first}
+    assert {device.id for device in store.devices_by_digest(101.0).values()} == {
+        first.id
+    }  # nothing of the second is stored
+    assert store.devices_by_digest(101.0) == {digest_of(tag, KEY): first}
     store.withdraw(first.id, 102.0)
     second, _ = store.enrol(103.0, Newcomer("1", transmitters=(tag,)), ("post",), 200.0, KEY)
-    assert store.devices_by_digest() == {digest_of(tag, KEY): second}
+    assert store.devices_by_digest(103.0) == {digest_of(tag, KEY): second}
+
+
+def test_a_transmitter_comes_free_when_no_token_of_its_device_is_valid_and_dead_tokens_are_deleted(
+    url: str, tmp_path: Path
+) -> None:
+    migrate(url)
+    store = DeviceStore(open_engine(url))
+    tag = "02:B7:00:00:00:01"
+    first, token = store.enrol(100.0, Newcomer("1", transmitters=(tag,)), ("post",), 200.0, KEY)
+    longer = store.add_token(first.id, 100.0, ("manage",), 300.0)
+    store.purge(250.0)
+    assert store.devices_by_digest(250.0) == {digest_of(tag, KEY): first}
+    store.revoke_token(first.id, longer.id, 260.0)
+    assert store.devices_by_digest(260.0) == {}
+    second, _ = store.enrol(261.0, Newcomer("1", transmitters=(tag,)), ("post",), 400.0, KEY)
+    assert store.devices_by_digest(261.0) == {digest_of(tag, KEY): second}
+    store.purge(270.0)
+    assert store.by_token(token.id) == first  # may still withdraw
+    store.purge(200.0 + WITHDRAWABLE)
+    assert store.by_token(token.id) is None
+    with sqlite3.connect(tmp_path / "gateway.db") as plain:
+        for table in ("tokens", "transmitters"):
+            left = plain.execute(f"SELECT count(*) FROM gateway_{table} WHERE device = ?", (first.id,)).fetchone()
+            assert left == (0,), table
+
+
+def test_names_of_transmitters_are_told_apart_and_only_those_of_one_alone_are_taken() -> None:
+    uuid = "426c7565-0000-4000-8000-000000000001"
+    assert digest_of(f"iBeacon:{uuid}-1-23", KEY) != digest_of(f"iBeacon:{uuid}-12-3", KEY)
+    assert digest_of(f"iBeacon:{uuid}-1-23", KEY) == digest_of(f"ibeacon:{uuid.replace('-', '').upper()}-1-23", KEY)
+    assert digest_of("02-B7-00-00-00-01", KEY) == digest_of(" 02:b7:00:00:00:01", KEY) == digest_of("02b700000001", KEY)
+    for name in ("02-B7-00-00-00-01", "02b700000001", f"iBeacon:{uuid}-1-23", "irk:" + "0a" * 16):
+        assert can_be_enrolled(name), name
+    for name in (
+        "apple:1005:9-24",
+        "msft:cdp",
+        "x",
+        "02:b7:00-00:00:01",
+        "02:b7:00:00:00",
+        "irk:0a",
+        f"iBeacon:{uuid}",
+    ):
+        assert not can_be_enrolled(name), name
 
 
 def test_tokens_from_before_they_were_signed_are_gone_after_the_migration(url: str, tmp_path: Path) -> None:
