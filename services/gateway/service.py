@@ -133,9 +133,15 @@ class GatewayService(Service[GatewaySettings]):
             return None
         broker = Broker.of(settings.mqtt_url.get_secret_value(), settings.mqtt_authorities)
         try:
-            return MqttReceivers(broker, settings.mqtt_topics, receivers.take)
+            return MqttReceivers(broker, settings.mqtt_topics, receivers.take, self._tell_mqtt)
         except OSError as error:
             raise ServiceError(f"mqtt_authorities: {settings.mqtt_authorities}: {error}") from error
+
+    def _tell_mqtt(self, problem: str | None) -> None:
+        if problem is None:
+            self.health.well("mqtt")
+        else:
+            self.health.degraded("mqtt", problem)
 
     def _follow(self, inbox: Inbox, positions: OwnPositions, alerts: OwnAlertBook) -> None:
         """Keep what phones may ask of themselves."""

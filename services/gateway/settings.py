@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import BeforeValidator, Field, SecretStr, ValidationInfo, field_validator, model_validator
 
-from services.gateway.adapters.mqtt_broker import Broker
+from services.gateway.adapters.mqtt_broker import Broker, check_filter
 from services.gateway.devices.tokens import keys_of
 from services.gateway.phones.batch_check import Limits
 from shared.settings import ServiceSettings
@@ -118,6 +118,11 @@ class GatewaySettings(ServiceSettings):
         if value is not None:
             Broker.of(value.get_secret_value())
         return value
+
+    @field_validator("mqtt_topics")
+    @classmethod
+    def _filters(cls, value: list[str]) -> list[str]:
+        return [check_filter(topic) for topic in value]
 
     @model_validator(mode="after")
     def _encrypted(self) -> GatewaySettings:

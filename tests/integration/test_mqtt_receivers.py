@@ -10,29 +10,34 @@ import pytest
 from certificates import make_certificate
 from mosquitto_broker import Mosquitto
 from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.reasoncodes import ReasonCode
 from prometheus_client import REGISTRY
 from structlog.testing import capture_logs
 from waiting import wait_until
 
+from services.gateway.adapters import mqtt_receivers
 from services.gateway.adapters.mqtt_broker import Broker
 from services.gateway.adapters.mqtt_receivers import MqttReceivers
 from services.gateway.phones.heard import Heard
 
 TOPIC = "espresense/devices/x/entrance"
 
-Listen = Callable[..., tuple[MqttReceivers, list[Heard]]]
+Listen = Callable[..., tuple[list[str | None], list[Heard]]]
 
 
 @pytest.fixture
 def listen() -> Iterator[Listen]:
     running: list[MqttReceivers] = []
 
-    def start(url: str, authorities: Path | None = None) -> tuple[MqttReceivers, list[Heard]]:
+    def start(url: str, authorities: Path | None = None) -> tuple[list[str | None], list[Heard]]:
+        told: list[str | None] = []
         heard: list[Heard] = []
-        receivers = MqttReceivers(Broker.of(url, authorities), [TOPIC], lambda found, _: heard.extend(found))
+        broker = Broker.of(url, authorities)
+        receivers = MqttReceivers(broker, [TOPIC, "home/#"], lambda found, _: heard.extend(found), told.append)
         running.append(receivers)
         receivers.start()
-        return receivers, heard
+        return told, heard
 
     yield start
     for receivers in running:
@@ -92,18 +97,49 @@ def test_a_broker_that_starts_later_is_found(tmp_path: Path, listen: Listen) -> 
         broker.stop()
 
 
-def test_a_wrong_password_is_told_once_and_never_itself(tmp_path: Path, listen: Listen) -> None:
+def test_a_wrong_password_is_told_and_never_itself(tmp_path: Path, listen: Listen) -> None:
     broker = Mosquitto(tmp_path)
     broker.start()
     try:
         with capture_logs() as logs:
-            listen(broker.url.replace(Mosquitto.PASSWORD, "not-the-password"))
-            wait_until(lambda: logs, 15, "the refusal in the log")
+            told, _ = listen(broker.url.replace(Mosquitto.PASSWORD, "not-the-password"))
             before = attempts("refused")
             wait_until(lambda: attempts("refused") > before, 15, "another attempt")
-        assert [entry["log_level"] for entry in logs] == ["error"]
-        assert "not-the-password" not in str(logs)
+        assert "refuses the gateway" in str(told[0])
+        assert "not-the-password" not in f"{told} {logs}"
         assert not connected()
+    finally:
+        broker.stop()
+
+
+def test_a_topic_that_the_broker_keeps_to_itself_is_told() -> None:
+    told: list[str | None] = []
+    receivers = MqttReceivers(Broker.of("mqtt://broker"), [TOPIC, "home/#"], lambda *_: None, told.append)
+    granted, refused = (ReasonCode(PacketTypes.SUBACK, identifier=code) for code in (0x00, 0x87))  # not authorised
+    receivers._on_subscribe(None, None, 1, [granted, refused], None)
+    receivers._on_subscribe(None, None, 2, [granted, granted], None)
+    assert told == ["the MQTT broker broker does not let the gateway read home/#", None]
+
+
+def test_a_client_that_dies_is_told_of_and_begins_anew(
+    tmp_path: Path, listen: Listen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broker = Mosquitto(tmp_path)
+    monkeypatch.setattr(mqtt_receivers, "RETRY", (1, 0.1))
+    deaths = [RuntimeError("once")]
+
+    class Mortal(mqtt.Client):
+        def reconnect(self) -> mqtt.MQTTErrorCode:
+            if deaths:
+                raise deaths.pop()
+            return super().reconnect()
+
+    monkeypatch.setattr(mqtt_receivers.mqtt, "Client", Mortal)
+    broker.start()
+    try:
+        told, _ = listen(broker.url)
+        wait_until(lambda: None in told, 15, "the client to be well again")
+        assert "RuntimeError" in str(told[0])
     finally:
         broker.stop()
 

@@ -14,7 +14,7 @@ from services.gateway.phones.batch_check import STRONGEST, WEAKEST, Limits
 from services.gateway.phones.heard import Heard
 from services.gateway.protocol import Batch
 
-__all__ = ["RSSI", "PhoneAdapter", "Push", "ReceiverAdapter", "Report", "number"]
+__all__ = ["RSSI", "PhoneAdapter", "Push", "ReceiverAdapter", "Report", "names_of", "number"]
 
 RSSI = (WEAKEST, STRONGEST, "dBm")
 
@@ -82,3 +82,8 @@ def number(value: Any, place: str, allowed: tuple[float, float, str]) -> float:
     if not low <= value <= high:
         refuse(place, "is out of range", value, f"{low:g} to {high:g} {unit}")
     return float(value)
+
+
+def names_of(*values: Any) -> tuple[str, ...]:
+    """Return what of these can name a transmitter, each once; whatever else stands there names none."""
+    return tuple(dict.fromkeys(value for value in values if isinstance(value, str) and value))

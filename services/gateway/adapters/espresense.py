@@ -9,9 +9,11 @@ Source: the firmware (github.com/ESPresense/ESPresense, lib/BleFingerprint).
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 
-from services.gateway.adapters.adapter import RSSI, Report, number
+from services.gateway.adapters.adapter import RSSI, Report, names_of, number
 from services.gateway.errors import read_json
 from services.gateway.phones.heard import Heard
 
@@ -20,8 +22,8 @@ __all__ = ["Espresense"]
 
 class _Body(msgspec.Struct, frozen=True):
     rssi: int | float
-    id: str = ""
-    mac: str = ""
+    id: Any = None
+    mac: Any = None
 
 
 class Espresense:
@@ -39,5 +41,5 @@ class Espresense:
         if len(parts) != 4 or parts[:2] != ["espresense", "devices"]:
             return None
         body = read_json(payload, _Body)
-        names = tuple(dict.fromkeys(name for name in (body.id, body.mac, parts[2]) if name))
+        names = names_of(body.id, body.mac, parts[2])
         return Report([Heard(parts[3], "ble", names, number(body.rssi, "rssi", RSSI))])

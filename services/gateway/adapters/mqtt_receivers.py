@@ -1,4 +1,4 @@
-"""Who brings what receivers publish over MQTT? A client that comes back when the broker does.
+"""Who brings what receivers publish over MQTT? A client that comes back when the broker does, and says when it cannot.
 
 Quality of service 0 and a clean session: readings grow old quickly, none is waited for, and a retained one is none. The
 client library keeps nothing in memory that has not been looked at here, and its own log stays off: topics bear the
@@ -7,6 +7,7 @@ addresses of strangers.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -48,18 +49,28 @@ class MqttReceivers:
         broker: where to connect.
         topics: what to subscribe to, wildcards allowed.
         take: called with readings and the server's clock at their arrival, in the client's thread.
+        tell: called with what keeps readings away, and with None once nothing does.
     """
 
-    def __init__(self, broker: Broker, topics: Sequence[str], take: Callable[[list[Heard], float], Any]) -> None:
+    def __init__(
+        self,
+        broker: Broker,
+        topics: Sequence[str],
+        take: Callable[[list[Heard], float], Any],
+        tell: Callable[[str | None], None],
+    ) -> None:
         self._broker = broker
         self._topics = list(topics)
         self._take = take
-        self._told = False
+        self._tell = tell
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
         client = mqtt.Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv5)
         client.on_connect = self._on_connect
         client.on_connect_fail = self._on_connect_fail
         client.on_disconnect = self._on_disconnect
         client.on_message = self._on_message
+        client.on_subscribe = self._on_subscribe
         client.reconnect_delay_set(*RETRY)
         if broker.user:
             client.username_pw_set(broker.user, broker.password or None)
@@ -73,42 +84,62 @@ class MqttReceivers:
         Raises:
             ValueError: the broker's host cannot be used at all.
         """
-        properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
-        properties.MaximumPacketSize = LARGEST
-        self._client.connect_async(self._broker.host, self._broker.port, keepalive=30, properties=properties)
-        self._client.loop_start()
+        self._connect()
+        self._thread.start()
 
     def stop(self) -> None:
         """Disconnect and wait for the thread."""
-        self._client.disconnect()
-        self._client.loop_stop()
+        self._stopping.set()
+        while self._thread.is_alive():
+            self._client.disconnect()  # again: a client that is connecting just now overlooks it
+            self._thread.join(0.5)
         CONNECTED.set(0)
+
+    def _connect(self) -> None:
+        properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
+        properties.MaximumPacketSize = LARGEST
+        self._client.connect_async(self._broker.host, self._broker.port, keepalive=30, properties=properties)
+
+    def _run(self) -> None:
+        """Let the client work until it is stopped; one that ends by itself is told of and begins anew."""
+        while not self._stopping.is_set():
+            reason = "it gave up"
+            try:
+                self._client.loop_forever(retry_first_connection=True)
+            except Exception as error:
+                reason = type(error).__name__
+            if not self._stopping.is_set():
+                CONNECTED.set(0)
+                self._tell(f"the MQTT client has ended ({reason}); beginning anew")
+                self._stopping.wait(RETRY[1])
+                self._connect()
 
     def _on_connect(self, client: mqtt.Client, _data: Any, _flags: Any, reason: ReasonCode, _properties: Any) -> None:
         if reason.is_failure:
             ATTEMPTS.labels("refused").inc()
-            if not self._told:
-                log.error("the MQTT broker refuses the gateway", broker=self._broker.host, reason=str(reason))
-            self._told = True
+            self._tell(f"the MQTT broker {self._broker.host} refuses the gateway: {reason}")
             return
         ATTEMPTS.labels("connected").inc()
-        self._told = False
         CONNECTED.set(1)
         log.info("MQTT broker connected", broker=self._broker.host, topics=self._topics)
         client.subscribe([(topic, SubscribeOptions(qos=0, retainHandling=2)) for topic in self._topics])
 
+    def _on_subscribe(self, _client: Any, _data: Any, _mid: Any, reasons: list[ReasonCode], _properties: Any) -> None:
+        refused = [topic for topic, reason in zip(self._topics, reasons, strict=False) if reason.is_failure]
+        if refused:
+            self._tell(f"the MQTT broker {self._broker.host} does not let the gateway read {', '.join(refused)}")
+        else:
+            self._tell(None)
+
     def _on_connect_fail(self, _client: Any, _data: Any) -> None:
         ATTEMPTS.labels("failed").inc()
-        if not self._told:
-            self._told = True
-            broker = f"{self._broker.host}:{self._broker.port}"
-            log.warning("MQTT broker not reached, or its certificate not trusted; trying again", broker=broker)
+        broker = f"{self._broker.host}:{self._broker.port}"
+        self._tell(f"the MQTT broker {broker} is not reached, or its certificate not trusted; trying again")
 
     def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: ReasonCode, _properties: Any) -> None:
         CONNECTED.set(0)
-        if reason.is_failure and not self._told:
-            self._told = True
-            log.warning("MQTT broker away; trying again", broker=self._broker.host, reason=str(reason))
+        if reason.is_failure:
+            self._tell(f"the MQTT broker {self._broker.host} is away; trying again")
 
     def _on_message(self, _client: Any, _data: Any, message: mqtt.MQTTMessage) -> None:
         MESSAGES.labels(self._result(message)).inc()

@@ -59,12 +59,14 @@ SCAN = 1.0
 
 
 class SensorLoggerEntry(msgspec.Struct, frozen=True):
-    """One sample of one sensor."""
+    """One sample of one sensor. An entry that is of no use here may hold anything."""
 
-    name: str
-    time: int | float
-    """ns since 1970, phone clock."""
-    values: dict[str, Any] = {}
+    name: Any = None
+    """Which sensor, text."""
+    time: Any = None
+    """ns since 1970, phone clock: a number."""
+    values: Any = None
+    """By name: ``x``, ``y``, ``z`` of a sensor of three axes."""
 
 
 class SensorLoggerPush(msgspec.Struct, frozen=True, rename="camel"):
@@ -101,8 +103,11 @@ class SensorLogger:
         radio: dict[Literal["wifi", "ble"], list[tuple[float, str, float]]] = {"wifi": [], "ble": []}
         for index, entry in enumerate(body.payload):
             place = f"payload[{index}]"
-            name = entry.name.lower()
-            if name in SENSORS:
+            name = entry.name.lower() if isinstance(entry.name, str) else ""
+            used = name in SENSORS or name == "wifi" or name.startswith("bluetooth")
+            if used and not isinstance(entry.values, dict):
+                ignored["entry without its values"] += 1
+            elif name in SENSORS:
                 row = _row(entry, place, SENSORS[name])
                 if row is None:
                     ignored["entry without its values"] += 1

@@ -9,9 +9,11 @@ Source: docs.openmqttgateway.com (use/ble), gateway.theengs.io (use).
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 
-from services.gateway.adapters.adapter import RSSI, Report, number
+from services.gateway.adapters.adapter import RSSI, Report, names_of, number
 from services.gateway.errors import read_json
 from services.gateway.phones.heard import Heard
 
@@ -22,11 +24,11 @@ MARK = "BTtoMQTT"
 
 class _Body(msgspec.Struct, frozen=True):
     rssi: int | float | None = None
-    id: str = ""
-    mac: str = ""
-    uuid: str = ""
-    major: int | None = None
-    minor: int | None = None
+    id: Any = None
+    mac: Any = None
+    uuid: Any = None
+    major: Any = None
+    minor: Any = None
 
 
 class Theengs:
@@ -47,6 +49,13 @@ class Theengs:
         if body.rssi is None:
             return Report([], {"entry without its values": 1})
         level = number(body.rssi, "rssi", RSSI)
-        beacon = f"iBeacon:{body.uuid}-{body.major}-{body.minor}" if body.uuid and body.major is not None else ""
-        names = tuple(dict.fromkeys(name for name in (body.id, body.mac, beacon, parts[-1]) if name))
+        major, minor = _whole(body.major), _whole(body.minor)
+        known = isinstance(body.uuid, str) and body.uuid and major is not None and minor is not None
+        beacon = f"iBeacon:{body.uuid}-{major}-{minor}" if known else ""
+        names = names_of(body.id, body.mac, beacon, parts[-1])
         return Report([Heard(parts[-3], "ble", names, level)])
+
+
+def _whole(value: Any) -> int | None:
+    """Return a whole number, also where it is written with a decimal point."""
+    return int(value) if type(value) is int or (type(value) is float and value.is_integer()) else None

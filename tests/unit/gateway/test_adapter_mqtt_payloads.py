@@ -7,6 +7,7 @@ import pytest
 from conftest import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from refusals import refusals_name_a_field
 
 from services.gateway.adapters.espresense import Espresense
@@ -15,6 +16,7 @@ from services.gateway.adapters.theengs import Theengs
 from services.gateway.devices.transmitters import digest_of
 from services.gateway.errors import RequestError
 from services.gateway.phones.heard import Heard
+from services.gateway.settings import GatewaySettings
 
 UUID = "426c7565-0000-4000-8000-000000000001"
 
@@ -91,6 +93,29 @@ def test_whatever_is_published_is_understood_or_refused(end: str, payload: bytes
     for adapter, topic in ((Espresense(), f"espresense/devices/{end}/x"), (Theengs(), f"home/x/BTtoMQTT/{end}")):
         with refusals_name_a_field():
             adapter.decode(topic, payload)
+
+
+@pytest.mark.parametrize(
+    "other", ['"major": 1.0, "minor": 2.0', '"mac": null', '"uuid": [], "major": {}', '"major": 1.5']
+)
+@pytest.mark.parametrize("adapter", [Espresense(), Theengs()], ids=lambda adapter: adapter.name)
+def test_a_field_beside_the_id_may_hold_anything(adapter: Any, other: str) -> None:
+    topic = {"espresense": "espresense/devices/tag/room", "theengs": "home/gateway/BTtoMQTT/tag"}[adapter.name]
+    (reading,) = adapter.decode(topic, f'{{"id": "a", "rssi": -60, {other}}}'.encode()).heard
+    assert reading.names == ("a", "tag")
+
+
+def test_a_beacon_is_known_by_whole_numbers_however_they_are_written() -> None:
+    for major in ("7", "7.0"):
+        payload = f'{{"id": "a", "rssi": -60, "uuid": "u", "major": {major}, "minor": 2}}'.encode()
+        (reading,) = heard(Theengs(), "home/gateway/BTtoMQTT/tag", payload)
+        assert "iBeacon:u-7-2" in reading.names
+
+
+@pytest.mark.parametrize("topic", ["", "home/#/x", "home/a+/x", "home/a#", "home/\0", "a" * 65_536])
+def test_a_topic_that_no_broker_can_be_asked_for_is_refused_at_start(topic: str) -> None:
+    with pytest.raises(ValidationError, match=r"mqtt_topics[\s\S]*allowed"):
+        GatewaySettings(mqtt_topics=["home/+/BTtoMQTT/#", topic])
 
 
 def test_readings_show_no_address_where_they_are_printed() -> None:

@@ -158,6 +158,23 @@ def test_fields_and_sensors_of_a_later_version_do_no_harm() -> None:
 
 
 @pytest.mark.parametrize(
+    ("stray", "reason"),
+    [
+        ({"name": "annotation", "time": "yesterday", "values": None}, "sensor of no use here"),
+        ({"name": "location", "time": None, "values": [1, "a"]}, "sensor of no use here"),
+        ({"name": 7}, "sensor of no use here"),
+        ({"time": 0}, "sensor of no use here"),
+        ({"name": "gyroscope", "time": START, "values": None}, "entry without its values"),
+        ({"name": "wifi", "time": START, "values": "none"}, "entry without its values"),
+    ],
+)
+def test_an_entry_that_is_not_used_may_hold_anything(stray: dict[str, Any], reason: str) -> None:
+    found = decode(push(*android(), stray))
+    assert found.batch is not None
+    assert found.ignored == {reason: 1}
+
+
+@pytest.mark.parametrize(
     ("bad", "field"),
     [
         (b"\xff\xfe{", "body"),
