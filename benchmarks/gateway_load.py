@@ -11,6 +11,7 @@ import json
 import sys
 import time
 from collections import Counter, deque
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import cast
 
@@ -55,13 +56,34 @@ class Load:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of it: answers by status, those with 2xx a second, and the times of all from when they were due."""
+    """What became of it.
 
+    Attributes:
+        wanted: batches that were sent or were due.
+        status: answers by status.
+        per_second: answers with 2xx a second.
+        p50_ms: of the times of all batches wanted, from when they were due; one that was never answered took for ever.
+        p99_ms: likewise.
+        next_seq: of the next load.
+    """
+
+    wanted: int
     status: dict[str, int]
     per_second: float
     p50_ms: float
     p99_ms: float
     next_seq: int
+
+    def unanswered(self) -> int:
+        """Return how many batches wanted were never answered."""
+        return self.wanted - sum(self.status.values())
+
+
+def percentiles_ms(times: Sequence[float], wanted: int) -> tuple[float, float]:
+    """Return median and 99th percentile, ms, of ``wanted`` times, s; those that are not there are infinite."""
+    every = np.concatenate([times, np.full(wanted - len(times), np.inf)])
+    p50, p99 = np.percentile(every, [50, 99], method="higher") * 1000.0
+    return float(p50), float(p99)
 
 
 def bodies() -> list[bytes]:
@@ -188,11 +210,11 @@ class _Generator:
         while len(self._times) < wanted and time.perf_counter() < deadline:
             await asyncio.sleep(0.01)
         taken = sum(count for status, count in self._status.items() if status.startswith("2"))
-        p50, p99 = np.percentile(self._times, [50, 99]) * 1000.0
+        p50, p99 = percentiles_ms(self._times, wanted)
         last = begin + load.seconds
         per_second = taken / (max(last, time.perf_counter()) - begin) if load.per_second else taken / load.seconds
         next_seq = load.first_seq + -(-self._sent // len(self._heads))
-        return Outcome(dict(self._status), per_second, float(p50), float(p99), next_seq)
+        return Outcome(wanted, dict(self._status), per_second, p50, p99, next_seq)
 
 
 def drive() -> int:
