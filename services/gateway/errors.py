@@ -11,9 +11,12 @@ import msgspec
 
 from services.gateway.protocol import ErrorReply, FieldError
 
-__all__ = ["RequestError", "read_json", "refuse"]
+__all__ = ["RequestError", "plain", "read_json", "refuse"]
 
 S = TypeVar("S", bound=msgspec.Struct)
+
+LONGEST_NAME, LONGEST_VALUE = 200, 80
+"""Characters that are told of a field's name and of its value."""
 
 _decoders: dict[type[msgspec.Struct], msgspec.json.Decoder[Any]] = {}
 
@@ -32,8 +35,17 @@ class RequestError(Exception):
 def refuse(field: str, problem: str, found: object = "", allowed: str = "", status: int = 422) -> NoReturn:
     """Raise a RequestError about one field."""
     text = found if isinstance(found, str) else repr(found)
-    shown = text if len(text) <= 80 else text[:77] + "..."
-    raise RequestError(status, FieldError(field=field, problem=problem, found=shown, allowed=allowed))
+    shown = plain(text, LONGEST_VALUE)
+    problem = plain(problem, LONGEST_NAME)
+    raise RequestError(
+        status, FieldError(field=plain(field, LONGEST_NAME), problem=problem, found=shown, allowed=allowed)
+    )
+
+
+def plain(text: str, longest: int) -> str:
+    """Return text as it can be told: a sender's own words may stand in it, of any signs and any length."""
+    told = text if len(text) <= longest else text[: longest - 3] + "..."
+    return told.encode(errors="replace").decode()
 
 
 def read_json(body: bytes, kind: type[S]) -> S:

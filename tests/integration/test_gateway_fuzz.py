@@ -150,6 +150,8 @@ CASES: dict[str, tuple[Callable[[Phone], Any], dict[str, str], int, str]] = {
     "a gzip bomb": (lambda _: gzip.compress(b" " * 100_000_000), {"Content-Encoding": "gzip"}, 413, "body"),
     "no gzip at all": (lambda _: b"not gzip", {"Content-Encoding": "gzip"}, 400, "body"),
     "not UTF-8": (lambda _: b'{"sent": 1, "seq": 0, "radio": [{"t": 1, "address": ["\xff"]}]}', {}, 400, "body"),
+    "nested without end": (lambda _: b'{"imu":' * 100_000, {}, 400, "body"),
+    "a name of signs that are none": (lambda _: b'{"sent": 1, "seq": 0, "\\ud800": NaN}', {}, 422, "?"),
     "10 000 access points": (many_access_points, {}, 422, "radio[0].address"),
     "one sample": (one_sample, {}, 422, "imu.t"),
     "acceleration in g": (scaled("a", 1 / 9.81), {}, 422, "imu.ax"),

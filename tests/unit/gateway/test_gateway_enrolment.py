@@ -1,7 +1,12 @@
 """Keys, QR codes and the ration of attempts."""
 
+import pytest
+from msgspec.json import encode
+
 from services.gateway.devices.enrolment import key_of, qr_svg, qr_text, same_key
 from services.gateway.devices.rate_limiter import RateLimiter
+from services.gateway.errors import RequestError, read_json, refuse
+from services.gateway.protocol import Enrolment
 
 
 def test_what_the_qr_code_holds_is_accepted_as_a_key() -> None:
@@ -40,3 +45,14 @@ def test_a_flood_of_addresses_does_not_fill_the_memory() -> None:
     for number in range(1000):
         limiter.spend(f"10.0.{number // 256}.{number % 256}")
     assert len(limiter._buckets) == 100
+
+
+def test_no_text_of_a_sender_breaks_a_comparison_or_an_answer() -> None:
+    assert not same_key("\udc00 a lone surrogate", "key")
+    with pytest.raises(RequestError) as caught:
+        refuse("s." + "\ud800" * 10_000, "is wrong", found="\udfff")
+    assert b"s.???" in encode(caught.value.reply)
+    assert len(caught.value.reply.detail[0].field) == 200
+    with pytest.raises(RequestError) as caught:
+        read_json(b'{"x":' * 100_000, Enrolment)
+    assert caught.value.status == 400
