@@ -17,7 +17,6 @@ from prometheus_client import Counter
 
 from services.gateway.adapters.adapter import PhoneAdapter
 from services.gateway.adapters.find3 import Find3, Find3Post, read_passive
-from services.gateway.adapters.numbering import Numbering
 from services.gateway.adapters.replies import AdapterReply, Find3Error, Find3Reply
 from services.gateway.adapters.sensor_logger import SensorLogger, SensorLoggerPush
 from services.gateway.devices.enrolment import same_key
@@ -52,7 +51,6 @@ def adapter_routes(gateway: Gateway, who_asks: WhoAsks, intake: Intake) -> APIRo
         "responses": answers(200, Find3Reply, *errors, error=Find3Error),
         "openapi_extra": takes(Find3Post),
     }
-    numbering = Numbering()
     settings = gateway.settings
     limits = settings.limits()
 
@@ -69,7 +67,7 @@ def adapter_routes(gateway: Gateway, who_asks: WhoAsks, intake: Intake) -> APIRo
             return AdapterReply(duplicate=False, received=received, ignored=ignored)
         if not who_asks.still_holds(token, grant):  # the consent may have been withdrawn while the body came
             grant = await who_asks.owner(token, POST)
-        seq = numbering.number(grant.device.id, (adapter.name, *push.key))
+        seq = gateway.numbering.number(grant.device.id, (adapter.name, *push.key))
         reply = await intake.take(grant.device, msgspec.structs.replace(push.batch, seq=seq), received, adapter.name)
         return AdapterReply(
             duplicate=reply.duplicate,

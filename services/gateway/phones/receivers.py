@@ -128,6 +128,8 @@ class ReceiverBook:
         with self._lock:
             if self._changes == before:
                 self._known = known
+                owners = set(known.values())
+                self._seq = {device: seq for device, seq in self._seq.items() if device in owners}
             else:  # somebody has withdrawn meanwhile: the answer may be outdated
                 self._outdated.set()
 
@@ -169,6 +171,8 @@ class ReceiverBook:
             if owner is None:
                 return "not enrolled"
             waiting = self._waiting.setdefault(owner, _Device(self._clock()))
+            if len(waiting.readings) == PENDING:
+                READINGS.labels("given up").inc()
             waiting.readings.append(_Reading(t, reading.kind, self._points[_plain(reading.receiver)], reading.rssi))
         return "used"
 

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TypeVar
 
+from services.gateway.adapters.numbering import Numbering
 from services.gateway.devices.consent import ConsentText
 from services.gateway.devices.erasures import Erasures
 from services.gateway.devices.own_alerts import OwnAlertBook
@@ -37,6 +38,8 @@ class Gateway:
     alerts: OwnAlertBook
     started: Callable[[], None]
     """Called once requests are served."""
+    numbering: Numbering = field(default_factory=Numbering)
+    """Of the payloads of other programs; touched by the event loop only."""
     _workers: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(2, "gateway"))
 
     async def work(self, task: Callable[..., T], *arguments: object) -> T:

@@ -71,6 +71,7 @@ def own_data_routes(gateway: Gateway, who_asks: WhoAsks, streams: Streams) -> AP
         await who_asks.withdrawing(bearer(header(request.scope, b"authorization")), device)
         await gateway.work(gateway.store.withdraw, device, time.time())
         who_asks.forget(device)
+        gateway.numbering.forget(device)
         gateway.positions.forget(device)
         gateway.alerts.forget(device)
         await streams.close(device, "the consent was withdrawn")

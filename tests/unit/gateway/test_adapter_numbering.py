@@ -32,3 +32,11 @@ def test_little_is_remembered() -> None:
         numbers.number(f"d-{k}", ("0",))
     assert len(numbers._given) == 3
     assert all(len(given) <= REMEMBERED for given in numbers._given.values())
+
+
+def test_of_a_withdrawn_device_nothing_is_remembered() -> None:
+    numbers = numbering()
+    numbers.number("d", ("0",))
+    numbers.number("e", ("0",))
+    numbers.forget("d")
+    assert list(numbers._given) == ["e"]

@@ -163,6 +163,23 @@ def test_an_answer_of_the_database_from_before_a_withdrawal_does_not_bring_a_tag
     assert world.hear(("entrance", TAG, -60)) == {"not enrolled": 1}
 
 
+def test_the_numbers_of_a_device_that_is_enrolled_no_more_are_forgotten(world: World) -> None:
+    world.hear(("entrance", TAG, -60), ("entrance", OTHER, -60))
+    world.told(2)
+    del world.enrolled[digest_of(TAG, KEY)]
+    world.book.refresh()
+    assert world.book._seq == {"d-2": 0}
+
+
+def test_readings_that_give_way_to_newer_ones_are_counted(world: World) -> None:
+    def given_up() -> float:
+        return REGISTRY.get_sample_value("atrium_gateway_receiver_readings_total", {"result": "given up"}) or 0.0
+
+    before = given_up()
+    world.hear(*[("entrance", TAG, -60.0)] * (receivers.PENDING + 7))
+    assert given_up() == before + 7
+
+
 def test_whoever_enrols_is_heard_soon(world: World) -> None:
     stopping = threading.Event()
     thread = threading.Thread(target=world.book.run, args=(stopping, 3600.0))
