@@ -143,8 +143,8 @@ class Phone:
             self._tell(motion, intake)
 
     def rest(self) -> None:
-        """Give the memory of an idle phone back; its clock, its count of walks and the batches seen are kept."""
-        self.walk = Walk(self.walk.carrying, self.walk.line, self.walk.walks)
+        """Give the memory of an idle phone back; its clock, its calibration and the batches seen are kept."""
+        self.walk.rest()
 
     def _is_late(self, t: float, intake: Intake) -> bool:
         late = intake.received - t > self._lateness

@@ -51,9 +51,11 @@ class Calibration:
             ("iron", np.float64, (3,)),
             ("earth", np.float64, (3,)),
             ("covariance", np.float64, (_ERRORS, _ERRORS)),
+            ("gyroscope", np.int64),
         ]
     )
-    """R at the end of the last hop, from the phone's axes to level ones; rad/s; µT; E in the level axes, µT."""
+    """R at the end of the last hop, from the phone's axes to level ones; rad/s; µT; E in the level axes, µT; whether it
+    has ever turned, as a phone without gyroscope has not."""
     BIAS_SIGMA = 0.005
     """rad/s, 1000 °/h, of a phone of which nothing is known."""
     LARGEST_BIAS = 0.08
@@ -107,7 +109,10 @@ class Calibration:
         self._begin(state, hops.fresh, gravity)
         error = self._correct(state, hops, seen, field, mean_turned, gravity)
         self._predict(state, turned, error)
-        return rate, replace(hops, field=hops.field - state["iron"][:, None])
+        # Without a gyroscope nobody knows how the phone turned, and what looks like iron is none.
+        state["gyroscope"] |= hops.rotation.any(axis=(1, 2))
+        iron = np.where(state["gyroscope"][:, None] > 0, state["iron"], 0.0)
+        return rate, replace(hops, field=hops.field - iron[:, None])
 
     def heading_variance(self, state: State) -> Array:
         """Return how far compass headings of p phones may be turned by what is not known of both, (p,) rad²."""
@@ -118,7 +123,14 @@ class Calibration:
         turns = np.concatenate([self._compass_tau * frame[:, 2], across], axis=1)
         covariance = state["covariance"][:, 3:9, 3:9]
         variance: Array = np.einsum("pi,pij,pj->p", turns, covariance, turns)
+        variance = np.where(state["gyroscope"] > 0, variance, self._begin_variance[_IRON][0] / strength**2)
         return np.where(state["covariance"][:, 0, 0] > 0.0, variance, 0.0)
+
+    def drift_variance(self, state: State) -> Array:
+        """Return by how much headings of p phones drift in a second where no compass holds them, (p,) (rad/s)²."""
+        vertical = state["frame"][:, 2]
+        variance: Array = np.einsum("pi,pij,pj->p", vertical, state["covariance"][:, _BIAS, _BIAS], vertical)
+        return variance
 
     def _begin(self, state: State, fresh: NDArray[np.bool_], gravity: Array) -> None:
         """Forget where phones were turned to that begin anew, not their bias and iron."""

@@ -71,7 +71,8 @@ class ComplementaryFilter:
 
     Args:
         level_tau: s, with which gravity draws the upward row; ς = τ / (τ + dt).
-        compass_tau: s, with which the compass draws the other two. The thesis has 0.98 s for both. Once bias
+        compass_tau: s, with which the compass draws the other two, unless there is no gyroscope: then it is
+            ``level_tau``, for nothing else tells a turn. The thesis has 0.98 s for both. Once bias
             and iron are taken away 1 to 30 s are within a standard error of each other on the mall's traces; on the
             twin 5 and 15 s are the best.
     """
@@ -89,12 +90,13 @@ class ComplementaryFilter:
         measured = hops.measured()
         down_to_earth = np.einsum("pnij,pnj->pni", turned, hops.acceleration) / GRAVITY
         state["up"][~state["up"].any(axis=1)] = [0.0, 0.0, 1e-6]  # a phone that falls must be turned some way too
-        up = _blend(state["up"], down_to_earth, measured, self._level)
+        up = _blend(state["up"], down_to_earth, measured, np.array(self._level))
         vertical = _unit(up)
         _seed(state["north"], vertical[:, 0])
         field = np.einsum("pnij,pnj->pni", turned, np.where(np.isnan(hops.field), 0.0, hops.field))
         use = measured & trusted_field(hops.field)
-        north = _blend(state["north"], _unit(_level(field, vertical)), use, self._compass)
+        keep = np.where(hops.rotation.any(axis=(1, 2)), self._compass, self._level)[:, None]
+        north = _blend(state["north"], _unit(_level(field, vertical)), use, keep)
         axes = np.empty((*north.shape, 3))
         axes[:, :, 2] = vertical
         axes[:, :, 1] = _unit(_level(north, vertical))
@@ -123,10 +125,13 @@ def turned_since(rate: Array) -> Array:
     return turned
 
 
-def _blend(before: Array, value: Array, use: NDArray[np.bool_], keep: float) -> Array:
-    """Return b[n] = keep b[n-1] + (1 - keep) value[n] where ``use``, else b[n-1]; (p, n, 3), ``before`` (p, 3)."""
+def _blend(before: Array, value: Array, use: NDArray[np.bool_], keep: Array) -> Array:
+    """Return b[n] = keep b[n-1] + (1 - keep) value[n] where ``use``, else b[n-1]; (p, n, 3), ``before`` (p, 3).
+
+    ``keep`` is (p, 1) or one number.
+    """
     kept = np.cumprod(np.where(use, keep, 1.0), axis=1)[:, :, None]
-    gained = np.cumsum((1.0 - keep) * use[:, :, None] * value / kept, axis=1)
+    gained = np.cumsum(((1.0 - keep) * use)[:, :, None] * value / kept, axis=1)
     blended: Array = kept * (before[:, None] + gained)
     return blended
 

@@ -7,7 +7,7 @@ its length, and the turns. Every algorithm is one file with a ``STATE``; the sta
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,8 +28,8 @@ from services.gateway.reckoning.step_heading import UNKNOWN_VARIANCE, StepHeadin
 from services.gateway.reckoning.turns import TurnDetection, Turns
 from services.gateway.reckoning.walk import Activity, Motion, Walk
 from services.gateway.reckoning.walking_detection import WalkingDetection
-from services.gateway.steps.detector import StepDetector, Steps
-from services.gateway.steps.gated_peaks import GatedPeaks
+from services.gateway.steps.detector import Steps
+from services.gateway.steps.detectors import DETECTORS, SHIPPED
 from shared.walking.stride import StepLengths, StrideLine, step_lengths
 
 __all__ = ["Carrying", "DeadReckoner", "InertialSamples", "Motion", "Walk"]
@@ -47,7 +47,30 @@ TURN_AFTER_STEP = 4.0
 COMPASS_SECONDS = 1.0
 """Of a trusted field before a compass heading is believed."""
 
-_WALKED = np.dtype([("last_step", np.float64), ("compass", np.float64), ("walk", np.int64)])
+SHORT_HOLE = 2.0
+"""Seconds without samples after which the phone may be turned any way."""
+HOLE_TURN = 0.3
+"""rad/s, by which nobody knows where a phone turned in a hole."""
+FORGETS_HOLES = np.exp(-2.0 / 15.0)
+"""Of that variance in a second of a trusted compass: the attitude filter follows it with 15 s."""
+NO_GYROSCOPE_VARIANCE = np.radians(15.0) ** 2
+"""rad², of headings that the compass alone tells: it sways with the steps."""
+PLACES: dict[Carrying, int] = {"hand": 1, "unknown": 1, "pocket": 2, "bag": 3}
+
+_WALKED = np.dtype(
+    [
+        ("end", np.float64),
+        ("last_step", np.float64),
+        ("begun", np.float64),
+        ("compass", np.float64),
+        ("holes", np.float64),
+        ("place", np.int64),
+    ]
+)
+"""End of the samples, newest step, first step of the walk, s; trusted field, s; variance of turns in holes, rad²; where
+the phone was (of ``PLACES``) at the newest step, 0 before."""
+_THROUGH_HOLES = ("calibration", "walked", "carrying", "hand", "pocket")
+_THROUGH_SHORT_HOLES = ("attitude", "turns")
 
 
 class DeadReckoner:
@@ -56,7 +79,7 @@ class DeadReckoner:
     Args:
         north: direction of magnetic north on the plan, radians counter-clockwise from +x.
         attitude: which attitude filter.
-        detectors: which step detector for which way of carrying.
+        detector: name of the step detector; None: the one that counts best, by how a phone is carried.
         hand: heading of steps whose phone is held.
         pocket: heading of steps whose phone is in a pocket.
         calibration: what takes the gyroscope's bias and the phone's own iron out.
@@ -66,7 +89,7 @@ class DeadReckoner:
         self,
         north: float,
         attitude: Attitude | None = None,
-        detectors: Mapping[Carrying, StepDetector] | None = None,
+        detector: str | None = None,
         hand: StepHeading | None = None,
         pocket: StepHeading | None = None,
         calibration: Calibration | None = None,
@@ -77,20 +100,19 @@ class DeadReckoner:
         self._walking = WalkingDetection()
         self._carrying = CarryingDetection()
         self._turns = TurnDetection()
-        gated = GatedPeaks()
-        everywhere: dict[Carrying, StepDetector] = {"hand": gated, "pocket": gated, "bag": gated, "unknown": gated}
-        self._detectors = {**everywhere, **(detectors or {})}
+        self._names = {carrying: detector or name for carrying, name in SHIPPED.items()}
+        self._detectors = {name: DETECTORS[name]() for name in self._names.values()}
         self._hand = hand or HandHeading()
         self._pocket = pocket or PocketHeading()
-        self._records = {carrying: self._record(carrying) for carrying in self._detectors}
+        self._records = {name: self._record(name) for name in self._detectors}
 
-    def _record(self, carrying: Carrying) -> np.dtype[np.void]:
+    def _record(self, detector: str) -> np.dtype[np.void]:
         states = {
             "calibration": self._calibration.STATE,
             "walked": _WALKED,
             "attitude": self._attitude.STATE,
             "recent": RECENT,
-            "detector": self._detectors[carrying].STATE,
+            "detector": self._detectors[detector].STATE,
             "walking": self._walking.STATE,
             "carrying": self._carrying.STATE,
             "turns": self._turns.STATE,
@@ -137,31 +159,48 @@ class DeadReckoner:
 
     def _hop(self, carrying: Carrying, walks: Sequence[Walk], hops: Hops) -> list[Motion]:
         """Take one hop of each of p phones that are carried the same way."""
-        dtype = self._records[carrying]
+        detector = self._names[carrying]
         for walk in walks:
-            if walk.record is None or len(walk.record) != dtype.itemsize:
-                walk.record = np.zeros(dtype.itemsize, np.uint8)
+            self._open(walk, detector)
         bytes_ = np.stack([walk.record for walk in walks if walk.record is not None])
-        record = bytes_.view(dtype)[:, 0]
-        for name in dtype.names or ():
-            if name != "calibration":
-                record[name][hops.fresh] = np.zeros((), dtype[name])
+        record = bytes_.view(self._records[detector])[:, 0]
+        if hops.fresh.any():
+            _restart(record, hops)
+        record["walked"]["end"] = hops.t + (hops.count - 0.5) / RATE
+        if "delta" in (record["detector"].dtype.names or ()):
+            thresholds = np.array([walk.thresholds or (0.0, 0.0) for walk in walks])
+            record["detector"]["delta"], record["detector"]["rho"] = thresholds.T
         motions = self._reckon(carrying, walks, record, hops)
         for row, walk in zip(bytes_, walks, strict=True):
             walk.record = row.copy()
         return motions
 
+    def _open(self, walk: Walk, detector: str) -> None:
+        """Give a phone a record for this step detector; what it remembers beside its steps stays."""
+        if walk.record is not None and walk.detector == detector:
+            return
+        new = np.zeros(1, self._records[detector])
+        if walk.record is not None and walk.detector in self._records:
+            old = walk.record.view(self._records[walk.detector])
+            for name in set(new.dtype.names or ()) - {"detector"}:
+                new[name] = old[name]
+        elif walk.calibration is not None:
+            new["calibration"] = walk.calibration.view(self._calibration.STATE)
+        walk.record, walk.detector = new.view(np.uint8), detector
+
     def _reckon(self, carrying: Carrying, walks: Sequence[Walk], record: State, hops: Hops) -> list[Motion]:
         rate, hops = self._calibration.advance(record["calibration"], hops)
         attitude = self._attitude.advance(record["attitude"], hops, rate)
         recent = remember(record["recent"], hops, rate, attitude)
-        steps = self._detectors[carrying].advance(record["detector"], hops)
+        steps = self._detectors[self._names[carrying]].advance(record["detector"], hops)
         since = self._walking.advance(record["walking"], hops)
         walked = record["walked"]
         since_step = np.where(walked["last_step"] > 0.0, hops.t - walked["last_step"], np.inf)
         lately = steps.walking | (since_step < TURN_AFTER_STEP)
         turns = self._turns.advance(record["turns"], hops, attitude, lately)
-        walked["compass"] += trusted_field(hops.field).sum(axis=1) / RATE
+        seen = trusted_field(hops.field).sum(axis=1) / RATE
+        walked["compass"] += seen
+        walked["holes"] *= FORGETS_HOLES**seen
         in_pocket = np.full(len(walks), carrying in ("pocket", "bag"))
         if carrying == "unknown":
             in_pocket = self._carrying.advance(record["carrying"], rate, attitude, steps.walking)
@@ -170,11 +209,15 @@ class DeadReckoner:
             cadence = _cadence(walked["last_step"], steps)
             bounces = np.where(in_pocket[steps.phone], np.nan, bounce(recent, steps))
             lengths = step_lengths(cadence, bounces, _lines(walks, steps.phone))
-            doubt = self._calibration.heading_variance(record["calibration"])
+            place = np.where(in_pocket & (carrying != "bag"), PLACES["pocket"], PLACES[carrying])
+            _count_walks(walks, record, steps, place)
+            doubt = self._calibration.heading_variance(record["calibration"]) + walked["holes"]
+            doubt += np.where(record["calibration"]["gyroscope"] > 0, 0.0, NO_GYROSCOPE_VARIANCE)
             headings = _more_doubtful(self._headings(record, recent, steps, in_pocket), doubt[steps.phone])
             blind = (walked["compass"] < COMPASS_SECONDS) | (carrying == "bag")  # how a bag swings nobody has measured
-            stepped = _Stepped(steps, lengths, _admitted(headings, blind[steps.phone]))
-            _count_walks(walks, walked, steps)
+            drifted = self._calibration.drift_variance(record["calibration"])[steps.phone]
+            drifted = drifted * (steps.t - walked["begun"][steps.phone]) ** 2
+            stepped = _Stepped(steps, lengths, _admitted(headings, blind[steps.phone], drifted))
         norm = np.sqrt(np.einsum("pni,pni->pn", hops.acceleration, hops.acceleration))
         # By the second, of the step counter recordings: 97 % of walking and 5 % of handling are told as walking; by the
         # spectrum alone it would be 93 and 13 %.
@@ -292,25 +335,55 @@ def _more_doubtful(headings: StepHeadings, variance: Array) -> StepHeadings:
     )
 
 
-def _admitted(headings: StepHeadings, blind: NDArray[np.bool_]) -> StepHeadings:
-    """Return headings of which those of blind phones are unknown, by an error that the whole walk has in common."""
+def _admitted(headings: StepHeadings, blind: NDArray[np.bool_], drifted: Array) -> StepHeadings:
+    """Return headings of which those of blind phones are unknown, by an error that the whole walk has in common.
+
+    What single steps err by, and what the gyroscope has ``drifted`` (m,) rad² since the walk began, is not in common.
+    """
     if not blind.any():
         return headings
+    own = np.minimum(headings.variance - headings.bias_variance + drifted, UNKNOWN_VARIANCE)
     return StepHeadings(
         headings.heading,
         np.where(blind, UNKNOWN_VARIANCE, headings.variance),
-        np.where(blind, UNKNOWN_VARIANCE, headings.bias_variance),
+        np.where(blind, UNKNOWN_VARIANCE - own, headings.bias_variance),
         headings.other,
         np.where(blind, 0.0, headings.other_probability),
     )
 
 
-def _count_walks(walks: Sequence[Walk], walked: State, steps: Steps) -> None:
-    """Begin a new walk where steps come after a restart or a long stop, and remember the newest step."""
+def _restart(record: State, hops: Hops) -> None:
+    """Let phones whose samples begin anew forget what a hole of its length makes worthless."""
+    walked = record["walked"]
+    hole = np.where(walked["end"] > 0.0, hops.t - walked["end"], np.inf)
+    goes_on = (hole >= 0.0) & (hole < LONG_STOP)
+    turned = hops.fresh & ~(goes_on & (hole < SHORT_HOLE))
+    for name in record.dtype.names or ():
+        forgets = hops.fresh
+        if name in _THROUGH_SHORT_HOLES:
+            forgets = turned
+        elif name in _THROUGH_HOLES:
+            forgets = hops.fresh & ~goes_on
+        if name != "calibration":
+            record[name][forgets] = np.zeros((), record.dtype[name])
+    walked["compass"][turned] = 0.0
+    walked["holes"][hops.fresh & ~turned] += (HOLE_TURN * hole[hops.fresh & ~turned]) ** 2
+
+
+def _count_walks(walks: Sequence[Walk], record: State, steps: Steps, place: NDArray[np.int64]) -> None:
+    """Begin a new walk where steps come after a long stop or with the phone elsewhere; remember the newest step.
+
+    A phone that was put elsewhere lies there another way: its body vector is forgotten.
+    """
+    walked = record["walked"]
     first = np.flatnonzero(np.diff(steps.phone, prepend=-1))
     phones = steps.phone[first]
     last = walked["last_step"][phones]
-    anew = (last <= 0.0) | (steps.t[first] - last > LONG_STOP)
+    moved = (walked["place"][phones] > 0) & (walked["place"][phones] != place[phones])
+    anew = (last <= 0.0) | (steps.t[first] - last > LONG_STOP) | moved
+    record["pocket"][phones[moved]] = np.zeros((), record["pocket"].dtype)
+    walked["begun"][phones[anew]] = steps.t[first][anew]
+    walked["place"][phones] = place[phones]
     for phone in phones[anew]:
         walks[phone].walks += 1
     walked["last_step"][steps.phone] = steps.t

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from services.gateway.reckoning.calibration import Calibration
 from services.gateway.reckoning.carrying import Carrying
 from services.gateway.reckoning.hops import Array
 from services.gateway.reckoning.resampling import Resampler
@@ -71,16 +72,35 @@ class Walk:
         carrying: how the phone is carried.
         line: the person's own stride model, where there is one; may be set at any time.
         walks: how many walks have been told of before.
+        thresholds: the person's own step thresholds (δ, ρ), m/s², from trial walks; may be set at any time.
     """
 
-    __slots__ = ("carrying", "line", "record", "resampler", "walks")
+    __slots__ = ("calibration", "carrying", "detector", "line", "record", "resampler", "thresholds", "walks")
 
-    def __init__(self, carrying: Carrying = "unknown", line: StrideLine | None = None, walks: int = 0) -> None:
+    def __init__(
+        self,
+        carrying: Carrying = "unknown",
+        line: StrideLine | None = None,
+        walks: int = 0,
+        thresholds: tuple[float, float] | None = None,
+    ) -> None:
         self.carrying: Carrying = carrying
         self.line = line
         self.walks = walks
+        self.thresholds = thresholds
         self.record: NDArray[np.uint8] | None = None
         """The bytes of the record of ``DeadReckoner``; None before the first hop."""
+        self.detector = ""
+        """Name of the step detector whose record it is."""
+        self.calibration: NDArray[np.uint8] | None = None
+        """What an idle phone keeps of its record: the bytes of ``Calibration.STATE``, with which records begin."""
+        self.resampler = Resampler()
+
+    def rest(self) -> None:
+        """Give the memory of an idle phone back; what gyroscope and compass are off by stays known."""
+        if self.record is not None:
+            self.calibration = self.record[: Calibration.STATE.itemsize].copy()
+        self.record = None
         self.resampler = Resampler()
 
     @property
@@ -91,4 +111,5 @@ class Walk:
     @property
     def nbytes(self) -> int:
         """Bytes of memory held."""
-        return self.resampler.nbytes + (0 if self.record is None else self.record.nbytes)
+        kept = (self.record, self.calibration)
+        return self.resampler.nbytes + sum(part.nbytes for part in kept if part is not None)
