@@ -178,11 +178,11 @@ errors with the variances that the gateway tells. Neighbouring steps err alike, 
 large as makes sums honest. In-sample: the spread of step lengths (30 % of a step, 8 % common to all) and of headings in
 the hand (30° of a step, 8° common to all) were chosen on these very traces, so that these figures say that nothing got
 worse, and not what other people would give. A way-point is taken to be sure to 0.6 m: an assumption, for no truth tells
-how far a surveyor's tap is off; `end_nees_way_point_*` has none, 0.3 and 0.6 m of it, and with none the NEES is above
-its bounds. `*_low` and `*_high` are between what honest variances would give in 95 of 100 data sets, legs taken as
-independent. The shares within one σ are above that: single legs come out better than told. Their bars are wider (0.60
-to 0.85), set by what was seen, and only keep them from getting worse. `with_iron_*` leaves the phone's own iron in,
-`thesis_*` has also the thesis' time constant, `mean_compass_*` follows the gyroscope and the mean compass,
+how far a surveyor's tap is off; `end_nees_way_point_*` has none, 0.3 and 0.6 m of it, and with none or 0.3 m the NEES
+is above its bounds. `*_low` and `*_high` are between what honest variances would give in 95 of 100 data sets, legs
+taken as independent. The shares within one σ are above that: single legs come out better than told. Their bars are
+wider (0.60 to 0.85), set by what was seen, and only keep them from getting worse. `with_iron_*` leaves the phone's own
+iron in, `thesis_*` has also the thesis' time constant, `mean_compass_*` follows the gyroscope and the mean compass,
 `rotation_vector_*` is the phone's own. Medians of a hundred legs hop by half a degree from one choice to the next;
 ninth deciles do so less. `second_half_*` is the error on the second half of a trace: of the universal model fitted to
 all other traces, of a plain line through (cadence, length) of the first half, and of that line with a prior. The line
