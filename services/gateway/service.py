@@ -73,7 +73,15 @@ class GatewayService(Service[GatewaySettings]):
         )
         mqtt = self._mqtt(receivers)
         spool = Spool(engine, settings.spool_bytes)
-        phones = PhoneBook(self.site, self.bus, settings.limits(), settings.phone_idle, spool, settings.live_lateness)
+        phones = PhoneBook(
+            self.site,
+            self.bus,
+            settings.limits(),
+            settings.phone_idle,
+            spool,
+            settings.live_lateness,
+            settings.step_detector,
+        )
         erasures = Erasures(engine, self.bus, self.keys, phones.forget)
         positions = OwnPositions(self.site.zones, settings.position_kept)
         alerts = OwnAlertBook(self.site.zones, settings.alerts_kept)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 import os
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, SecretStr, ValidationInfo, field_validator, model_validator
 
@@ -21,6 +21,8 @@ DEMO_TOKEN_KEY = "a demo key for tokens that everybody knows"  # noqa: S105
 SHORTEST_KEY = 32
 """Characters: HS256 asks for a key as long as its digest (RFC 7518, section 3.2)."""
 
+StepDetectorName = Literal["shipped", "adaptive-dft", "gated-peaks", "personal-thresholds", "step-hmm"]
+"""``shipped``, or one of ``steps.detectors.DETECTORS``."""
 OptionalPath = Annotated[Path | None, BeforeValidator(lambda value: value or None)]
 """An empty variable is no path."""
 
@@ -79,6 +81,9 @@ class GatewaySettings(ServiceSettings):
     )
     token_recheck: float = Field(
         60.0, gt=0, le=3600, description="seconds after which the database is asked again whose token it is"
+    )
+    step_detector: StepDetectorName = Field(
+        "shipped", description="which step detector; shipped: the one that counts best, by how a phone is carried"
     )
     phone_idle: float = Field(300.0, gt=0, description="seconds of silence after which a phone's walk is forgotten")
     position_kept: float = Field(60.0, gt=0, description="seconds a phone is told its last position")

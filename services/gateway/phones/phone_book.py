@@ -91,6 +91,7 @@ class PhoneBook:
         idle: seconds of silence after which a phone's walk is forgotten.
         spool: where messages wait while the bus is away; None: batches are refused meanwhile.
         lateness: seconds after which a measurement is marked late.
+        detector: name of the step detector, ``shipped`` for the ones that count best.
     """
 
     def __init__(
@@ -101,13 +102,14 @@ class PhoneBook:
         idle: float,
         spool: Spool | None = None,
         lateness: float = LATENESS,
+        detector: str = "shipped",
     ) -> None:
         self._keys = Keys(site.site)
         self._limits = limits
         self._idle = idle
         self._lateness = lateness
         self._access_points = {address.lower(): point.id for point in site.access_points for address in point.addresses}
-        self._reckoner = DeadReckoner(site.north_radians)
+        self._reckoner = DeadReckoner(site.north_radians, detector=None if detector == "shipped" else detector)
         self._dispatcher = Dispatcher(bus, self._keys, spool, lateness)
         self._entries: dict[str, _Entry] = {}
         self._models: OrderedDict[str, StrideModel] = OrderedDict()
@@ -269,11 +271,11 @@ class PhoneBook:
         if entry is None:
             phone = Phone(owner.id, self._access_points, lateness=self._lateness)
             entry = self._entries[owner.id] = _Entry(phone, walker=owner.walker)
-            phone.walk.line = self._line(entry)
+            phone.walk.line, phone.walk.thresholds = self._line(entry), _thresholds(entry.walker)
             PHONES.set(len(self._entries))
         elif entry.walker is not owner.walker and entry.walker != owner.walker:
             entry.walker = owner.walker
-            entry.phone.walk.line = self._line(entry)
+            entry.phone.walk.line, entry.phone.walk.thresholds = self._line(entry), _thresholds(entry.walker)
         entry.phone.walk.carrying = cast(Carrying, owner.carrying)
         entry.last_heard = time.monotonic()
         return entry
@@ -376,6 +378,11 @@ def _count(answers: Sequence[BatchReply | Exception]) -> None:
     for counter, tally in ((BATCHES, results), (USED, used), (IGNORED, ignored)):
         for label, count in tally.items():
             counter.labels(label).inc(count)
+
+
+def _thresholds(walker: Walker | None) -> tuple[float, float] | None:
+    """Return a person's own step thresholds, where trial walks told them."""
+    return None if walker is None or walker.peak is None or walker.mean is None else (walker.peak, walker.mean)
 
 
 def _line(slope: float, offset: float, scale_variance: float) -> StrideLine:
