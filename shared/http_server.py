@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import ssl
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,16 @@ class Tls:
 
 
 def serve(
-    app: Any, host: str, port: int, stopping: threading.Event, *, tls: Tls | None = None, frame_bytes: int = 1 << 20
+    app: Any,
+    host: str,
+    port: int,
+    stopping: threading.Event,
+    *,
+    tls: Tls | None = None,
+    frame_bytes: int = 1 << 20,
+    proxies: Sequence[str] = (),
+    keep_alive: int = 5,
+    connections: int | None = None,
 ) -> None:
     """Serve ``app`` with uvicorn until ``stopping`` is set, then give open requests two seconds to end.
 
@@ -38,6 +48,9 @@ def serve(
         stopping: ends serving.
         tls: speak HTTPS.
         frame_bytes: largest message of a WebSocket; a larger one closes it (1009).
+        proxies: addresses or networks whose ``X-Forwarded-For`` and ``X-Forwarded-Proto`` are believed.
+        keep_alive: seconds after which an idle connection is closed.
+        connections: open at once; more are answered 503.
 
     Raises:
         ServiceError: the address cannot be listened on, or certificate and key cannot be used.
@@ -61,6 +74,10 @@ def serve(
         ssl_certfile=None if tls is None else tls.certificate,
         ssl_keyfile=None if tls is None else tls.key,
         ws_max_size=frame_bytes,
+        proxy_headers=bool(proxies),
+        forwarded_allow_ips=list(proxies),
+        timeout_keep_alive=keep_alive,
+        limit_concurrency=connections,
     )
     server = uvicorn.Server(config)
 

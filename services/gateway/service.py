@@ -123,6 +123,9 @@ class GatewayService(Service[GatewaySettings]):
                 self.stopping,
                 tls=tls,
                 frame_bytes=settings.batch_bytes,
+                proxies=settings.proxy_addresses if settings.behind_proxy else (),
+                keep_alive=settings.keep_alive,
+                connections=settings.connections,
             )
         finally:
             self.stopping.set()

@@ -49,6 +49,15 @@ class GatewaySettings(ServiceSettings):
     tls_certificate: OptionalPath = Field(None, description="PEM file of the certificate chain: phones use HTTPS")
     tls_key: OptionalPath = Field(None, description="PEM file of the certificate's key")
     behind_proxy: bool = Field(False, description="a proxy in front ends TLS; the gateway itself may speak plain HTTP")
+    proxy_addresses: list[str] = Field(
+        ["127.0.0.1", "::1"],
+        min_length=1,
+        description="addresses or networks of that proxy: its X-Forwarded-* is believed",
+    )
+    keep_alive: int = Field(15, ge=1, le=600, description="seconds after which an idle connection is closed")
+    connections: int = Field(4000, ge=10, description="open at once; more are answered 503")
+    body_seconds: float = Field(30.0, gt=0, description="within which a body must have come")
+    open_bodies: int = Field(8, ge=1, description="bodies on their way at once, of one device or enrolling address")
     consent_file: OptionalPath = Field(None, description="what visitors agree to: a line `version: NAME`, then text")
     token_key: SecretStr = Field(
         SecretStr(DEMO_TOKEN_KEY),
@@ -62,7 +71,7 @@ class GatewaySettings(ServiceSettings):
         description="digests the addresses of enrolled transmitters",
     )
     database_url: SecretStr = Field(SecretStr(DEFAULT_DATABASE), description="devices and consents (SQLAlchemy URL)")
-    batch_bytes: int = Field(1 << 20, ge=1024, le=1 << 28, description="largest body of a batch")
+    batch_bytes: int = Field(1 << 21, ge=1024, le=1 << 28, description="largest body of a batch")
     batch_samples: int = Field(12_000, ge=2, description="most inertial samples in a batch")
     batch_scans: int = Field(200, ge=1, description="most radio scans in a batch")
     scan_readings: int = Field(500, ge=1, description="most readings in one scan")
@@ -112,7 +121,7 @@ class GatewaySettings(ServiceSettings):
             raise ValueError("the demo's key must not be among them")
         return value
 
-    @field_validator("receiver_key", "mqtt_url", mode="before")
+    @field_validator("staff_key", "receiver_key", "mqtt_url", mode="before")
     @classmethod
     def _empty_is_none(cls, value: object) -> object:
         return None if value == "" else value
@@ -122,6 +131,13 @@ class GatewaySettings(ServiceSettings):
     def _broker(cls, value: SecretStr | None) -> SecretStr | None:
         if value is not None:
             Broker.of(value.get_secret_value())
+        return value
+
+    @field_validator("proxy_addresses")
+    @classmethod
+    def _networks(cls, value: list[str]) -> list[str]:
+        for text in value:
+            ipaddress.ip_network(text)
         return value
 
     @field_validator("mqtt_topics")
@@ -138,6 +154,11 @@ class GatewaySettings(ServiceSettings):
             raise ValueError(
                 f"gateway_host: {self.gateway_host} is open to the network and tokens would travel in plain text; "
                 "set ATRIUM_TLS_CERTIFICATE and ATRIUM_TLS_KEY, or ATRIUM_BEHIND_PROXY=true where a proxy ends TLS"
+            )
+        if self.profile != "demo" and self.behind_proxy and not self.gateway_public_url.startswith("https://"):
+            raise ValueError(
+                f"gateway_public_url: {self.gateway_public_url!r} is no https:// URL, and the QR code carries it; "
+                "behind a proxy set ATRIUM_GATEWAY_PUBLIC_URL to the proxy's"
             )
         return self
 

@@ -70,10 +70,16 @@ def test_outside_the_demo_plain_http_stays_on_this_machine() -> None:
         {"gateway_host": "::1"},
         {"gateway_host": "localhost"},
         {"gateway_host": "0.0.0.0", "profile": "demo"},
-        {"gateway_host": "0.0.0.0", "behind_proxy": True},
+        {"gateway_host": "0.0.0.0", "behind_proxy": True, "gateway_public_url": "https://museum.example"},
+        {"staff_key": "", "receiver_key": "", "mqtt_url": ""},
         {"gateway_host": "0.0.0.0", "tls_certificate": "a.pem", "tls_key": "b.pem"},
     ):
         settings(**allowed)
+    for url in ("", "http://museum.example"):
+        with pytest.raises(ValidationError, match="gateway_public_url"):
+            settings(behind_proxy=True, gateway_public_url=url)
+    with pytest.raises(ValidationError, match="proxy_addresses"):
+        settings(proxy_addresses=["the proxy"])
     with pytest.raises(ValidationError, match="both are needed"):
         settings(tls_certificate="a.pem", tls_key="")
 

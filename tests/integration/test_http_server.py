@@ -8,7 +8,7 @@ from http.client import HTTPConnection
 
 import pytest
 from conftest import unused_port
-from fastapi import FastAPI
+from fastapi import FastAPI, Request
 from fastapi.responses import StreamingResponse
 from waiting import wait_until
 
@@ -65,3 +65,39 @@ def test_a_reader_of_an_endless_stream_does_not_keep_the_service_from_stopping()
     connection.close()
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", port), timeout=1)
+
+
+def test_only_a_named_proxy_is_believed_whom_it_speaks_for() -> None:
+    app = FastAPI()
+
+    @app.get("/")
+    async def who(request: Request) -> str:
+        return f"{request.client.host if request.client else ''} {request.url.scheme}"
+
+    for proxies, told in (
+        ((), "127.0.0.1 http"),
+        (("127.0.0.0/8",), "10.1.1.1 https"),
+        (("10.0.0.9",), "127.0.0.1 http"),
+    ):
+        port, stopping = unused_port(), threading.Event()
+        server = threading.Thread(
+            target=serve, args=(app, "127.0.0.1", port, stopping), kwargs={"proxies": proxies}, daemon=True
+        )
+        server.start()
+
+        def answer(port: int = port) -> str | None:
+            connection = HTTPConnection("127.0.0.1", port, timeout=10)
+            headers = {"X-Forwarded-For": "6.6.6.6, 10.1.1.1", "X-Forwarded-Proto": "https"}
+            try:
+                connection.request("GET", "/", headers=headers)
+                return connection.getresponse().read().decode()
+            except OSError:
+                return None
+            finally:
+                connection.close()
+
+        try:
+            assert wait_until(answer, 10.0, "an answer") == f'"{told}"'
+        finally:
+            stopping.set()
+            server.join()
