@@ -175,18 +175,19 @@ best of sixteen pairs of time constant (1 to 30 s) and iron on all others (by th
 worse by what choosing among equals costs: the eight pairs with an iron of 6 or 10 µT are within a standard error of
 each other. North is the plan's +y; magnetic declination is not taken out. `*_within_N_sigma` and `end_nees` compare
 errors with the variances that the gateway tells. Neighbouring steps err alike, so that variances of single steps are as
-large as makes sums honest. In-sample: the spread of step lengths (30 % of a step, 8 % common to all) and of headings in
-the hand (30° of a step, 8° common to all) were chosen on these very traces, so that these figures say that nothing got
-worse, and not what other people would give. A way-point is taken to be sure to 0.6 m: an assumption, for no truth tells
-how far a surveyor's tap is off; `end_nees_way_point_*` has none, 0.3 and 0.6 m of it, and with none or 0.3 m the NEES
-is above its bounds. `*_low` and `*_high` are between what honest variances would give in 95 of 100 data sets, legs
-taken as independent. The shares within one σ are above that: single legs come out better than told. Their bars are
-wider (0.60 to 0.85), set by what was seen, and only keep them from getting worse. `with_iron_*` leaves the phone's own
-iron in, `thesis_*` has also the thesis' time constant, `mean_compass_*` follows the gyroscope and the mean compass,
-`rotation_vector_*` is the phone's own. Medians of a hundred legs hop by half a degree from one choice to the next;
-ninth deciles do so less. `second_half_*` is the error on the second half of a trace: of the universal model fitted to
-all other traces, of a plain line through (cadence, length) of the first half, and of that line with a prior. The line
-knows no bounce and half a trace is short: it learns from more than that, or not at all.
+large as makes sums honest. In-sample: the spread of single steps' lengths (30 %) and of headings in the hand (30° of a
+step, 8° common to all) were chosen on these very traces, so that these figures say that nothing got worse, and not what
+other people would give. A way-point is taken to be sure to 0.6 m: an assumption, for no truth tells how far a
+surveyor's tap is off; `end_nees_way_point_*` has none, 0.3 and 0.6 m of it. The doubt of lengths that steps have in
+common is larger than these traces alone say, for strangers' sake. `*_low` and `*_high` are between what honest
+variances would give in 95 of 100 data sets, legs taken as independent. The shares within one σ are above that: single
+legs come out better than told. Their bars are wider (0.60 to 0.85), set by what was seen, and only keep them from
+getting worse. `with_iron_*` leaves the phone's own iron in, `thesis_*` has also the thesis' time constant,
+`mean_compass_*` follows the gyroscope and the mean compass, `rotation_vector_*` is the phone's own. Medians of a
+hundred legs hop by half a degree from one choice to the next; ninth deciles do so less. `second_half_*` is the error on
+the second half of a trace: of the universal model fitted to all other traces, of a plain line through (cadence, length)
+of the first half, and of that line with a prior. The line knows no bounce and half a trace is short: it learns from
+more than that, or not at all.
 
 *Pocket* (`pocket_*`, the five rivals of the dissertation, `thigh_*` for a swinging thigh that shares no code with the
 twin) and *side of the phone* (`offset_*`) are of the twin, whose gait follows the same studies: they say that the
