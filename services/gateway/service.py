@@ -23,6 +23,7 @@ from services.gateway.phones.receivers import ReceiverBook
 from services.gateway.phones.spool import Spool
 from services.gateway.settings import GatewaySettings
 from services.gateway.web.app import create_app
+from services.gateway.web.bodies import OpenBodies
 from services.gateway.web.gateway import Gateway
 from shared.bus import Inbox
 from shared.http_server import Tls, serve
@@ -106,6 +107,7 @@ class GatewayService(Service[GatewaySettings]):
             phones=phones,
             receivers=receivers,
             erasures=erasures,
+            bodies=OpenBodies(settings.open_bodies, settings.body_seconds),
             positions=positions,
             alerts=alerts,
             started=self.health.ready.set,

@@ -6,6 +6,7 @@ import socket
 import time
 import zlib
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,8 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         "ATRIUM_LIVE_LATENESS": "5",
         "ATRIUM_BATCHES_PER_SECOND": "0.5",
         "ATRIUM_BATCH_BURST": "40",
+        "ATRIUM_BODY_SECONDS": "3",
+        "ATRIUM_OPEN_BODIES": "4",
     }
     with running_gateway(folder, **settings) as running:
         yield running
@@ -342,3 +345,31 @@ def test_a_sender_that_goes_away_in_mid_body_troubles_nobody(gateway: Running) -
     with socket.create_connection(("127.0.0.1", gateway.http.base_url.port or 0), timeout=5) as line:
         line.sendall(f"{head}Authorization: {phone.headers['Authorization']}\r\n\r\n{{".encode())
     assert phone.post(phone.batch(0)).is_success
+
+
+def test_slow_bodies_end_and_only_a_few_of_a_device_are_open_at_once(gateway: Running) -> None:
+    phone, other = Phone(gateway), Phone(gateway)
+    head = f"POST {phone.enrolled['batches']} HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\n"
+    with ExitStack() as lines:
+        slow = []
+        for _ in range(4):
+            line = socket.create_connection(("127.0.0.1", gateway.http.base_url.port or 0), timeout=10)
+            lines.enter_context(line)
+            line.sendall(f"{head}Authorization: {phone.headers['Authorization']}\r\n\r\n{{".encode())
+            slow.append(line)
+        wait_until(lambda: phone.post(phone.batch(0)).status_code == 429, 2, "too many open bodies")
+        assert other.post(other.batch(0)).is_success
+        for line in slow:
+            assert line.recv(4096).startswith(b"HTTP/1.1 408 ")
+    assert phone.post(phone.batch(1)).is_success
+
+
+def test_changes_and_tokens_are_rationed_as_batches_are(gateway: Running) -> None:
+    phone = Phone(gateway)
+    path = f"/v1/devices/{phone.device}"
+    seen = {phone.http.patch(path, json={"carrying": "hand"}, headers=phone.headers).status_code for _ in range(45)}
+    assert seen == {200, 429}
+    for method, end in (("GET", "/tokens"), ("POST", "/tokens"), ("PUT", "/trial-walks")):
+        answer = phone.http.request(method, path + end, headers=phone.headers)
+        assert (answer.status_code, "Retry-After" in answer.headers) == (429, True), end
+    assert phone.http.delete(path, headers=phone.headers).status_code == 204

@@ -22,7 +22,6 @@ from services.gateway.adapters.sensor_logger import SensorLogger, SensorLoggerPu
 from services.gateway.devices.enrolment import same_key
 from services.gateway.devices.tokens import POST
 from services.gateway.errors import RequestError, refuse
-from services.gateway.web.bodies import read_body
 from services.gateway.web.gateway import Gateway
 from services.gateway.web.intake import Intake
 from services.gateway.web.openapi import answers, takes
@@ -41,7 +40,7 @@ FIND3 = Find3()
 def adapter_routes(gateway: Gateway, who_asks: WhoAsks, intake: Intake) -> APIRouter:
     """Return the routes. Tokens need the scope ``post``."""
     router = APIRouter(prefix=PATH, tags=["other programs"])
-    errors = (400, 401, 403, 413, 415, 422, 429, 503)
+    errors = (400, 401, 403, 408, 413, 415, 422, 429, 503)
     pushed: dict[str, Any] = {
         "responses": answers(200, AdapterReply, *errors),
         "openapi_extra": takes(SensorLoggerPush),
@@ -58,7 +57,7 @@ def adapter_routes(gateway: Gateway, who_asks: WhoAsks, intake: Intake) -> APIRo
         received = time.time()
         grant = await who_asks.owner(token, POST)
         intake.admit(grant.device.id)
-        payload = await read_body(request.scope, request.receive, settings.batch_bytes)
+        payload = await gateway.bodies.read(grant.device.id, request.scope, request.receive, settings.batch_bytes)
         push = await gateway.work(adapter.decode, payload, limits)
         ignored = +Tally(push.ignored)
         for reason, count in ignored.items():
@@ -124,7 +123,8 @@ async def _take_passive(gateway: Gateway, key: str, request: Request) -> str:
     if wanted is None or not same_key(key, wanted.get_secret_value()):
         refuse("path", "holds no valid key of receivers", status=403)
     received = time.time()
-    payload = await read_body(request.scope, request.receive, settings.batch_bytes)
+    sender = f"receiver {request.client.host if request.client else ''}"
+    payload = await gateway.bodies.read(sender, request.scope, request.receive, settings.batch_bytes)
     name, report = await gateway.work(
         read_passive, payload, settings.receiver_readings, settings.limits().address_length
     )

@@ -49,14 +49,14 @@ def create_app(gateway: Gateway) -> FastAPI:
         lifespan=life,
     )
     # First, since every phone asks for it every second.
-    batches = BatchRoute(who_asks, intake, settings.batch_bytes)
+    batches = BatchRoute(who_asks, intake, gateway.bodies, settings.batch_bytes)
     app.router.routes.insert(0, Route("/v1/devices/{device}/batches", batches, methods=["POST"]))
     app.router.routes.append(WebSocketRoute("/v1/devices/{device}/stream", streams.serve))
     for router in (
         enrolment_routes(gateway, signer),
-        own_data_routes(gateway, who_asks, streams),
-        token_routes(gateway, who_asks, signer, streams),
-        trial_walk_routes(gateway, who_asks),
+        own_data_routes(gateway, who_asks, intake, streams),
+        token_routes(gateway, who_asks, intake, signer, streams),
+        trial_walk_routes(gateway, who_asks, intake),
         adapter_routes(gateway, who_asks, intake),
         schema_routes(),
     ):

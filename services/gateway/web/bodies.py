@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import zlib
+from collections import Counter
 from typing import NoReturn
 
 from starlette.requests import ClientDisconnect
@@ -11,7 +13,7 @@ from starlette.types import Receive, Scope
 from services.gateway.errors import RequestError, refuse
 from services.gateway.protocol import FieldError
 
-__all__ = ["header", "read_body"]
+__all__ = ["OpenBodies", "header", "read_body"]
 
 DISCARD = 1 << 25
 """Bytes of an oversized body read and thrown away, so that its sender sees the answer, not a broken pipe."""
@@ -26,6 +28,41 @@ def header(scope: Scope, name: bytes) -> str:
             text: str = value.decode("latin-1")
             return text
     return ""
+
+
+class OpenBodies:
+    """How many bodies of each sender are on their way; touched by the event loop only.
+
+    Args:
+        most: at once, of one sender.
+        seconds: within which a body must have come.
+    """
+
+    def __init__(self, most: int, seconds: float) -> None:
+        self._most = most
+        self._seconds = seconds
+        self._open: Counter[str] = Counter()
+
+    async def read(self, sender: str, scope: Scope, receive: Receive, limit: int) -> bytes:
+        """Return the body of one sender's request; see ``read_body``.
+
+        Raises:
+            RequestError: also 429 where too many of this sender's are open, 408 where it is too slow.
+        """
+        if self._open[sender] >= self._most:
+            problem = FieldError(field="body", problem="too many open requests", allowed=f"{self._most} at once")
+            raise RequestError(429, problem, headers={"Retry-After": "1"})
+        self._open[sender] += 1
+        try:
+            async with asyncio.timeout(self._seconds):
+                return await read_body(scope, receive, limit)
+        except TimeoutError as error:
+            problem = FieldError(field="body", problem="came too slowly", allowed=f"within {self._seconds:g} s")
+            raise RequestError(408, problem, headers={"Connection": "close"}) from error
+        finally:
+            self._open[sender] -= 1
+            if not self._open[sender]:
+                del self._open[sender]
 
 
 async def read_body(scope: Scope, receive: Receive, limit: int) -> bytes:

@@ -17,7 +17,6 @@ from services.gateway.devices.tokens import SCOPES, TokenSigner
 from services.gateway.devices.transmitters import FORMS, can_be_enrolled
 from services.gateway.errors import RequestError, read_json, refuse
 from services.gateway.protocol import Consent, Enrolled, Enrolment, ErrorReply, FieldError
-from services.gateway.web.bodies import read_body
 from services.gateway.web.gateway import Gateway
 from services.gateway.web.openapi import answers, takes
 from services.gateway.web.replies import respond
@@ -55,13 +54,13 @@ def enrolment_routes(gateway: Gateway, signer: TokenSigner) -> APIRouter:
         "/v1/devices",
         status_code=201,
         openapi_extra=takes(Enrolment),
-        responses=answers(201, Enrolled, 400, 403, 413, 415, 422, 429, 503),
+        responses=answers(201, Enrolled, 400, 403, 408, 413, 415, 422, 429, 503),
     )
     async def enrol(request: Request) -> Response:
         """Enrol a phone whose carrier agrees to be located."""
         address = _address(request)
         ration(address)
-        content = await read_body(request.scope, request.receive, ENROLMENT_BYTES)
+        content = await gateway.bodies.read(address, request.scope, request.receive, ENROLMENT_BYTES)
         ration(address)  # again: bodies held back and sent together must not make a burst of guesses
         body = read_json(content, Enrolment)
         if not same_key(key_of(body.enrolment_key), settings.enrolment_key.get_secret_value()):

@@ -17,6 +17,7 @@ from services.gateway.devices.storage import DeviceStore
 from services.gateway.phones.phone_book import PhoneBook
 from services.gateway.phones.receivers import ReceiverBook
 from services.gateway.settings import GatewaySettings
+from services.gateway.web.bodies import OpenBodies
 
 __all__ = ["Gateway"]
 
@@ -36,6 +37,8 @@ class Gateway:
     erasures: Erasures
     positions: OwnPositions
     alerts: OwnAlertBook
+    bodies: OpenBodies
+    """All bodies of phones come through it."""
     started: Callable[[], None]
     """Called once requests are served."""
     numbering: Numbering = field(default_factory=Numbering)

@@ -18,6 +18,7 @@ _WHY = {
     401: "the token is missing, wrong, expired or revoked",
     403: "the key is wrong, or the token is another device's or may not do this",
     404: "no such device, or it has not been located yet",
+    408: "the body came too slowly",
     413: "the body is too large",
     415: "the body's compression is not known",
     422: "a field is wrong; it is named",
@@ -75,7 +76,7 @@ def complete(app: FastAPI, bodies: Sequence[type[msgspec.Struct]]) -> None:
 
 
 def _batches() -> dict[str, Any]:
-    described = answers(200, protocol.BatchReply, 400, 401, 403, 404, 413, 415, 422, 429, 503)
+    described = answers(200, protocol.BatchReply, 400, 401, 403, 404, 408, 413, 415, 422, 429, 503)
     late = {"description": "done, too late for the live position", "content": _content(protocol.BatchReply)}
     return {
         "summary": "Post Batch",

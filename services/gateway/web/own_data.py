@@ -12,8 +12,9 @@ from sqlalchemy.exc import SQLAlchemyError
 from services.gateway.devices.tokens import POST, READ
 from services.gateway.errors import read_json, refuse
 from services.gateway.protocol import Change, OwnAlerts, OwnDevice, Position
-from services.gateway.web.bodies import header, read_body
+from services.gateway.web.bodies import header
 from services.gateway.web.gateway import Gateway
+from services.gateway.web.intake import Intake
 from services.gateway.web.openapi import answers, takes
 from services.gateway.web.replies import respond
 from services.gateway.web.stream import Streams
@@ -27,7 +28,7 @@ CHANGE_BYTES = 4096
 log = structlog.get_logger(__name__)
 
 
-def own_data_routes(gateway: Gateway, who_asks: WhoAsks, streams: Streams) -> APIRouter:
+def own_data_routes(gateway: Gateway, who_asks: WhoAsks, intake: Intake, streams: Streams) -> APIRouter:
     """Return the routes of one device about itself."""
     router = APIRouter()
 
@@ -52,12 +53,13 @@ def own_data_routes(gateway: Gateway, who_asks: WhoAsks, streams: Streams) -> AP
     @router.patch(
         "/v1/devices/{device}",
         openapi_extra=takes(Change),
-        responses=answers(200, OwnDevice, 400, 401, 403, 404, 413, 415, 422, 503),
+        responses=answers(200, OwnDevice, 400, 401, 403, 404, 408, 413, 415, 422, 429, 503),
     )
     async def change(device: str, request: Request) -> Response:
         """Change how the phone is carried. Scope: `post`, as the app that measures knows."""
         await allow(request, device, POST)
-        body = read_json(await read_body(request.scope, request.receive, CHANGE_BYTES), Change)
+        intake.admit(device)
+        body = read_json(await gateway.bodies.read(device, request.scope, request.receive, CHANGE_BYTES), Change)
         await gateway.work(gateway.store.carry, device, body.carrying)
         who_asks.forget(device)
         return respond(OwnDevice(device=device, carrying=body.carrying))

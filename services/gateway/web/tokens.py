@@ -10,8 +10,9 @@ from services.gateway.devices.known_tokens import Grant
 from services.gateway.devices.tokens import MANAGE, TokenSigner
 from services.gateway.errors import read_json, refuse
 from services.gateway.protocol import NewToken, TokenEntry, TokenRequest, Tokens
-from services.gateway.web.bodies import header, read_body
+from services.gateway.web.bodies import header
 from services.gateway.web.gateway import Gateway
+from services.gateway.web.intake import Intake
 from services.gateway.web.openapi import answers, takes
 from services.gateway.web.replies import respond
 from services.gateway.web.stream import Streams
@@ -27,23 +28,27 @@ MOST_TOKENS = 20
 """Valid at once, of one device."""
 
 
-def token_routes(gateway: Gateway, who_asks: WhoAsks, signer: TokenSigner, streams: Streams) -> APIRouter:
+def token_routes(
+    gateway: Gateway, who_asks: WhoAsks, intake: Intake, signer: TokenSigner, streams: Streams
+) -> APIRouter:
     """Return the routes about a device's tokens; all need the scope ``manage``."""
     router = APIRouter()
 
     async def asking(request: Request, device: str) -> Grant:
-        return await who_asks.grant(bearer(header(request.scope, b"authorization")), device, MANAGE)
+        grant = await who_asks.grant(bearer(header(request.scope, b"authorization")), device, MANAGE)
+        intake.admit(device)
+        return grant
 
     @router.post(
         "/v1/devices/{device}/tokens",
         status_code=201,
         openapi_extra=takes(TokenRequest),
-        responses=answers(201, NewToken, 400, 401, 403, 404, 413, 415, 422, 503),
+        responses=answers(201, NewToken, 400, 401, 403, 404, 408, 413, 415, 422, 429, 503),
     )
     async def hand_out(device: str, request: Request) -> Response:
         """Hand out a token for another app, which may do less. Scope: `manage`."""
         grant = await asking(request, device)
-        body = read_json(await read_body(request.scope, request.receive, REQUEST_BYTES), TokenRequest)
+        body = read_json(await gateway.bodies.read(device, request.scope, request.receive, REQUEST_BYTES), TokenRequest)
         now = time.time()
         wanted = list(dict.fromkeys(body.scopes))
         beyond = [scope for scope in wanted if scope not in grant.claims.scopes]
@@ -61,7 +66,7 @@ def token_routes(gateway: Gateway, who_asks: WhoAsks, signer: TokenSigner, strea
         )
         return respond(made, 201)
 
-    @router.get("/v1/devices/{device}/tokens", responses=answers(200, Tokens, 401, 403, 404, 503))
+    @router.get("/v1/devices/{device}/tokens", responses=answers(200, Tokens, 401, 403, 404, 429, 503))
     async def show(device: str, request: Request) -> Response:
         """List the tokens that are valid now, by id. Scope: `manage`."""
         grant = await asking(request, device)
@@ -82,7 +87,7 @@ def token_routes(gateway: Gateway, who_asks: WhoAsks, signer: TokenSigner, strea
         )
 
     @router.delete(
-        "/v1/devices/{device}/tokens/{token}", status_code=204, responses=answers(204, None, 401, 403, 404, 503)
+        "/v1/devices/{device}/tokens/{token}", status_code=204, responses=answers(204, None, 401, 403, 404, 429, 503)
     )
     async def revoke(device: str, token: str, request: Request) -> Response:
         """Revoke one token by its id; it is dead at once. Scope: `manage`."""
