@@ -3,8 +3,8 @@
 The first walk, whose steps its walker has counted, gives the two step thresholds. With these the steps of both are
 found, and a second, faster walk gives the line ``length = slope x cadence + offset`` through the two.
 
-Unlike the thesis, which takes the distance between ``start`` and ``end`` along the plan's axes (Manhattan), it is that of
-the straight line between them: trial walks are straight here, in any direction. ``distance`` comes before both.
+Unlike the thesis, which takes the distance between ``start`` and ``end`` along the plan's axes (Manhattan), it is that
+of the straight line between them: trial walks are straight here, in any direction. ``distance`` comes before both.
 """
 
 from __future__ import annotations
