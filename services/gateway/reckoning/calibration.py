@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from services.gateway.reckoning.angles import unit
 from services.gateway.reckoning.complementary import GRAVITY, trusted_field, turned_since
 from services.gateway.reckoning.hops import HOP, Array, Hops, State
 
@@ -145,9 +146,9 @@ class Calibration:
             covariance[:, _DIAGONAL[part], _DIAGONAL[part]] = self._begin_variance[part]
         state["covariance"][anew] = covariance
         state["earth"][anew] = 0.0
-        up = _unit(gravity[anew] + [0.0, 0.0, 1e-9])  # a phone that falls must be turned some way too
+        up = unit(gravity[anew] + [0.0, 0.0, 1e-9])  # a phone that falls must be turned some way too
         ahead = np.where(np.abs(up[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-        level = _unit(ahead - np.sum(ahead * up, axis=1, keepdims=True) * up)
+        level = unit(ahead - np.sum(ahead * up, axis=1, keepdims=True) * up)
         state["frame"][anew] = np.stack([level, np.cross(up, level), up], axis=1)
 
     def _correct(
@@ -214,8 +215,3 @@ class Calibration:
             & (np.abs(mean) < self.LARGEST_BIAS).all(axis=1)
         )
         return still
-
-
-def _unit(vectors: Array) -> Array:
-    unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
-    return unit

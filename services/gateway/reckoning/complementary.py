@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from services.gateway.reckoning.angles import unit
 from services.gateway.reckoning.hops import RATE, Array, Hops, State
 
 __all__ = [
@@ -91,15 +92,15 @@ class ComplementaryFilter:
         down_to_earth = np.einsum("pnij,pnj->pni", turned, hops.acceleration) / GRAVITY
         state["up"][~state["up"].any(axis=1)] = [0.0, 0.0, 1e-6]  # a phone that falls must be turned some way too
         up = _blend(state["up"], down_to_earth, measured, np.array(self._level))
-        vertical = _unit(up)
+        vertical = unit(up)
         _seed(state["north"], vertical[:, 0])
         field = np.einsum("pnij,pnj->pni", turned, np.where(np.isnan(hops.field), 0.0, hops.field))
         use = measured & trusted_field(hops.field)
         keep = np.where(hops.rotation.any(axis=(1, 2)), self._compass, self._level)[:, None]
-        north = _blend(state["north"], _unit(_level(field, vertical)), use, keep)
+        north = _blend(state["north"], unit(_level(field, vertical)), use, keep)
         axes = np.empty((*north.shape, 3))
         axes[:, :, 2] = vertical
-        axes[:, :, 1] = _unit(_level(north, vertical))
+        axes[:, :, 1] = unit(_level(north, vertical))
         axes[:, :, 0] = np.cross(axes[:, :, 1], vertical)
         state["up"] = np.einsum("pi,pij->pj", up[:, -1], turned[:, -1])
         state["north"] = np.einsum("pi,pij->pj", north[:, -1], turned[:, -1])
@@ -142,15 +143,10 @@ def _seed(north: Array, vertical: Array) -> None:
     if blind.any():
         up = vertical[blind]
         ahead = np.where(np.abs(up[:, 1:2]) < 0.9, [[0.0, 1.0, 0.0]], [[0.0, 0.0, -1.0]])
-        north[blind] = 1e-6 * _unit(_level(ahead, up))
+        north[blind] = 1e-6 * unit(_level(ahead, up))
 
 
 def _level(vectors: Array, vertical: Array) -> Array:
     """Return the vectors (..., 3) without what is along the unit vectors ``vertical``."""
     level: Array = vectors - np.einsum("...i,...i->...", vectors, vertical)[..., None] * vertical
     return level
-
-
-def _unit(vectors: Array) -> Array:
-    unit: Array = vectors / np.maximum(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)), 1e-12)[..., None]
-    return unit

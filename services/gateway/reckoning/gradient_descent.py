@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from services.gateway.reckoning.angles import unit
 from services.gateway.reckoning.complementary import ComplementaryFilter, trusted_field
 from services.gateway.reckoning.hops import HOP, RATE, Array, Hops, State
 
@@ -40,15 +41,15 @@ class GradientDescentFilter:
         new = ~q.any(axis=1)
         if new.any():
             q[new] = self._first(hops, rate)[new]
-        gravity = _unit(hops.acceleration)
+        gravity = unit(hops.acceleration)
         trusted = trusted_field(hops.field)
-        field = _unit(np.where(trusted[..., None], hops.field, [0.0, 0.0, 1.0]))
+        field = unit(np.where(trusted[..., None], hops.field, [0.0, 0.0, 1.0]))
         measured = hops.measured()
         path = np.empty((*rate.shape[:2], 4))
         for n in range(HOP):
             miss = _gradient(q, gravity[:, n], field[:, n], trusted[:, n])
-            drawn = self._beta * _unit(miss) * measured[:, n, None]
-            q = _unit(q + (0.5 * _times_vector(q, rate[:, n]) - drawn) / RATE)
+            drawn = self._beta * unit(miss) * measured[:, n, None]
+            q = unit(q + (0.5 * _times_vector(q, rate[:, n]) - drawn) / RATE)
             path[:, n] = q
         state["quaternion"] = q
         return _to_east_north_up(path)
@@ -118,8 +119,3 @@ def _quaternion(matrix: Array) -> Array:
     """Return (p, 4) w, x, y, z of rotations (p, 3, 3)."""
     from_scipy: Array = Rotation.from_matrix(matrix).as_quat()
     return np.roll(from_scipy, 1, axis=1)
-
-
-def _unit(vectors: Array) -> Array:
-    unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
-    return unit

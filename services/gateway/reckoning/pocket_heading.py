@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from services.gateway.reckoning.angles import wrap
 from services.gateway.reckoning.hops import Array, State
 from services.gateway.reckoning.recent import Recent
 from services.gateway.reckoning.step_heading import UNKNOWN_VARIANCE, StepHeadings
@@ -99,7 +100,7 @@ class PocketHeading:
         nothing = np.hypot(*ahead.T) < 1e-6
         variance = np.where(nothing, UNKNOWN_VARIANCE, variance)
         doubt = np.where(nothing, 0.0, 1.0 / (1.0 + np.exp(odds)))
-        other = np.where(nothing, heading, _wrap(heading + np.pi))
+        other = np.where(nothing, heading, wrap(heading + np.pi))
         return StepHeadings(heading, variance, np.full(len(line), self.BIAS_VARIANCE), other, doubt)
 
     def _since_rest(self, state: State, phone: NDArray[np.int64], t: Array) -> NDArray[np.int64]:
@@ -165,7 +166,3 @@ def swing_asymmetry(rate: Array) -> Array:
     power = np.sum(rate**2, axis=2)
     skew = np.mean(rate * power[:, :, None], axis=1) / np.maximum(power.mean(axis=1), 1e-6)[:, None] ** 1.5
     return np.column_stack([-skew[:, 1], skew[:, 0]])
-
-
-def _wrap(angle: Array) -> Array:
-    return -((-angle + np.pi) % (2.0 * np.pi) - np.pi)

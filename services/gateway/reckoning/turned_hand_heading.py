@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from services.gateway.reckoning.angles import wrap
 from services.gateway.reckoning.hand_heading import HandHeading
-from services.gateway.reckoning.hops import Array, State
+from services.gateway.reckoning.hops import State
 from services.gateway.reckoning.offset import Offset
 from services.gateway.reckoning.recent import Recent
 from services.gateway.reckoning.step_heading import StepHeadings
@@ -40,13 +41,9 @@ class TurnedHandHeading:
         offset = np.where(used, found.offset, 0.0)
         bias = np.where(used, found.variance, hand.bias_variance)
         return StepHeadings(
-            heading=_wrap(hand.heading + offset),
+            heading=wrap(hand.heading + offset),
             variance=hand.variance - hand.bias_variance + bias,
             bias_variance=bias,
-            other=_wrap(hand.heading - offset),
+            other=wrap(hand.heading - offset),
             other_probability=np.where(used, found.wrong_sign_probability, 0.0),
         )
-
-
-def _wrap(angle: Array) -> Array:
-    return -((-angle + np.pi) % (2.0 * np.pi) - np.pi)
