@@ -19,7 +19,7 @@ from services.gateway.reckoning.calibration import Calibration
 from services.gateway.reckoning.carrying import Carrying, CarryingDetection
 from services.gateway.reckoning.complementary import ComplementaryFilter, trusted_field
 from services.gateway.reckoning.hand_heading import HandHeading
-from services.gateway.reckoning.hops import RATE, Array, Hops, State
+from services.gateway.reckoning.hops import HOP, RATE, Array, Hops, State
 from services.gateway.reckoning.plan_heading import plan_heading
 from services.gateway.reckoning.pocket_heading import PocketHeading
 from services.gateway.reckoning.recent import RECENT, Recent, remember
@@ -219,12 +219,11 @@ class DeadReckoner:
             drifted = self._calibration.drift_variance(record["calibration"])[steps.phone]
             drifted = drifted * (steps.t - walked["begun"][steps.phone]) ** 2
             stepped = _Stepped(steps, lengths, _admitted(headings, blind[steps.phone], drifted))
-        norm = np.sqrt(np.einsum("pni,pni->pn", hops.acceleration, hops.acceleration))
         # By the second, of the step counter recordings: 97 % of walking and 5 % of handling are told as walking; by the
         # spectrum alone it would be 93 and 13 %.
         since_step = np.where(walked["last_step"] > 0.0, hops.t - walked["last_step"], np.inf)
         moves = steps.walking | (np.isfinite(since) & (since_step < 1.0))
-        return self._motions(walks, hops, moves, norm.std(axis=1) < STILL_SIGMA, stepped, turns)
+        return self._motions(walks, hops, moves, _still(hops), stepped, turns)
 
     def _headings(self, record: State, recent: Recent, steps: Steps, in_pocket: NDArray[np.bool_]) -> StepHeadings:
         if not in_pocket.any():
@@ -297,6 +296,15 @@ class _Stepped:
         empty = np.empty(0)
         steps = Steps(np.empty(0, np.int64), empty, np.empty(0, np.bool_), empty)
         return cls(steps, StepLengths(empty, empty, empty), StepHeadings(empty, empty, empty, empty, empty))
+
+
+def _still(hops: Hops) -> NDArray[np.bool_]:
+    """Return which phones were still, (p,); of less than half a second nobody can say."""
+    norm = np.sqrt(np.einsum("pni,pni->pn", hops.acceleration, hops.acceleration))
+    measured = hops.measured() / hops.count[:, None]
+    off = norm - np.sum(measured * norm, axis=1, keepdims=True)
+    still: NDArray[np.bool_] = np.sum(measured * off**2, axis=1) < STILL_SIGMA**2
+    return still & (2 * hops.count >= HOP)
 
 
 def _of(steps: Steps, phones: NDArray[np.bool_]) -> Steps:

@@ -239,6 +239,14 @@ def test_a_walk_goes_on_after_a_short_hole(hole: float, rested: int) -> None:
         assert after.heading_bias_variance > motions[5].heading_bias_variance
 
 
+def test_less_than_half_a_second_is_neither_still_nor_walking() -> None:
+    samples = cut(walk(0.0, 0.0), 4.0)[0]
+    few = samples.t < samples.t[0] + 2.3
+    columns = (samples.t, samples.acceleration, samples.rotation, samples.field)
+    motions = reckon([InertialSamples(*(c[few] for c in columns if c is not None))])
+    assert [m.activity for m in motions] == ["still", "still", "other"]
+
+
 def test_a_phone_put_elsewhere_begins_another_walk() -> None:
     samples, phone, reckoner = walk(0.0, 40.0), Walk("hand"), DeadReckoner(NORTH_UP)
     told = []
