@@ -53,10 +53,10 @@ PER_BOUNCE = 0.357
 STEP_SIGMA = 0.30
 """Of a step's length against the others of its walk, as a share: by a twelfth of its length a leg of a dozen steps is
 off by itself, missed steps among them, and who adds steps up as if each erred by itself is right about the sum."""
-SCALE_SIGMA = 0.12
-"""Of a walk's lengths against the universal model with bounce, as a share; ``UNSEEN_SIGMA`` without. The traces alone
-would say 0.08, but two surveyors walked them: at one cadence the people of ``step-counter`` bounce by 2.7 to 9.9 m/s²,
-and what that means for the lengths of strangers nobody has measured."""
+SCALE_SIGMA = 0.08
+"""Of a walk's lengths against the universal model with bounce, as a share; ``UNSEEN_SIGMA`` without. It is what the
+traces of two surveyors say. Strangers may differ more: at one cadence the people of ``step-counter`` bounce by 2.7 to 9.9
+m/s², and what that means for their lengths nobody has measured."""
 UNSEEN_SIGMA = 0.15
 
 
