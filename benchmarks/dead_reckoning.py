@@ -51,6 +51,9 @@ class Mall:
     figures: dict[str, float]
 
 
+_OF_HEADINGS = ("heading_error_deg", "heading_error_p90_deg", "turn_error_deg", "end_drift")
+
+
 def mall(data: Path, rivals: bool = True) -> Mall:
     """Measure the mall's traces; without ``rivals`` only what ships."""
     traces = load_traces(data)
@@ -60,7 +63,7 @@ def mall(data: Path, rivals: bool = True) -> Mall:
     figures = scores(traces, walked) | honesty(traces, walked)
     figures |= {f"stride_{name}": float(c) for name, c in zip(("level", "per_cadence", "per_bounce"), law, strict=True)}
     with_constants = scores(traces, shipped)
-    figures |= {f"shipped_{name}": with_constants[name] for name in ("leg_error", "end_drift")}
+    figures |= {f"shipped_{name}": with_constants[name] for name in ("leg_error", *_OF_HEADINGS)}
     laws: dict[str, list[Walked]] = {}
     ways: dict[str, list[Walked]] = {}
     if rivals:
@@ -73,8 +76,8 @@ def mall(data: Path, rivals: bool = True) -> Mall:
             figures |= {f"{name}_{figure}": told[figure] for figure in ("leg_error", "trace_total_error", "end_drift")}
         for name, other in ways.items():
             told = scores(traces, other)
-            kept = ("heading_error_deg", "heading_error_p90_deg", "turn_error_deg", "end_drift")
-            figures |= {f"{name}_{figure}": told[figure] for figure in kept}
+            prefix = "" if name == "chosen" else f"{name}_"
+            figures |= {f"{prefix}{figure}": told[figure] for figure in _OF_HEADINGS}
         figures |= personal(traces, walked, gaits)
     return Mall(traces, walked, laws, ways, figures)
 
@@ -168,26 +171,25 @@ stamped by hand. A step counts to the leg in which it ended. `leg_error` is of l
 mean heading of legs over 10 m without the first 1.2 s, `turn_error_deg` of the change of heading between neighbouring
 legs over 5 m, `end_drift` the distance by which the end of a trace of 20 m or more is missed, as a share of its way;
 medians all. The universal stride model is fitted leg by leg to all traces but the one judged, its slopes believed by
-three quarters (`bounce_fully_*`: fully); `shipped_*` has the stride that ships. `heading_error_deg` is of the constants
-that ship, which are not held out: these traces were seen when the sizes of iron and building and the compass's 15 s
-were settled, though the bias's size is that of phones at large. `chosen_*` is held out: it takes for each trace the
-best of sixteen pairs of time constant (1 to 30 s) and iron on all others (by the mean error of legs over 5 m). It is
-worse by what choosing among equals costs: the eight pairs with an iron of 6 or 10 µT are within a standard error of
-each other. North is the plan's +y; magnetic declination is not taken out. `*_within_N_sigma` and `end_nees` compare
-errors with the variances that the gateway tells. Neighbouring steps err alike, so that variances of single steps are as
-large as makes sums honest. In-sample: the spread of single steps' lengths (30 %) and of headings in the hand (30° of a
-step, 8° common to all) were chosen on these very traces, so that these figures say that nothing got worse, and not what
-other people would give. A way-point is taken to be sure to 0.6 m: an assumption, for no truth tells how far a
-surveyor's tap is off; `end_nees_way_point_*` has none, 0.3 and 0.6 m of it. The doubt of lengths that steps have in
-common is larger than these traces alone say, for strangers' sake. `*_low` and `*_high` are between what honest
-variances would give in 95 of 100 data sets, legs taken as independent. The shares within one σ are above that: single
-legs come out better than told. Their bars are wider (0.60 to 0.85), set by what was seen, and only keep them from
-getting worse. `with_iron_*` leaves the phone's own iron in, `thesis_*` has also the thesis' time constant,
-`mean_compass_*` follows the gyroscope and the mean compass, `rotation_vector_*` is the phone's own. Medians of a
-hundred legs hop by half a degree from one choice to the next; ninth deciles do so less. `second_half_*` is the error on
-the second half of a trace: of the universal model fitted to all other traces, of a plain line through (cadence, length)
-of the first half, and of that line with a prior. The line knows no bounce and half a trace is short: it learns from
-more than that, or not at all.
+three quarters (`bounce_fully_*`: fully). Headings are held out too: `heading_error_deg`, `turn_error_deg` and
+`end_drift` take for each trace the best of sixteen pairs of time constant (1 to 30 s) and iron on all others (by the
+mean error of legs over 5 m). `shipped_*` has the stride and the constants that ship, which are not held out: these
+traces were seen when the sizes of iron and building and the compass's 15 s were settled. The difference is what
+choosing among equals costs: the eight pairs with an iron of 6 or 10 µT are within a standard error of each other. North
+is the plan's +y; magnetic declination is not taken out. `*_within_N_sigma` and `end_nees` compare errors with the
+variances that the gateway tells. Neighbouring steps err alike, so that variances of single steps are as large as makes
+sums honest. In-sample: the spread of single steps' lengths (30 %) and of headings in the hand (30° of a step, 8° common
+to all) were chosen on these very traces, so that these figures say that nothing got worse, and not what other people
+would give. A way-point is taken to be sure to 0.6 m: an assumption, for no truth tells how far a surveyor's tap is off;
+`end_nees_way_point_*` has none, 0.3 and 0.6 m of it. The doubt of lengths that steps have in common is larger than
+these traces alone say, for strangers' sake. `*_low` and `*_high` are between what honest variances would give in 95 of
+100 data sets, legs taken as independent. The shares within one σ are above that: single legs come out better than told.
+Their bars are wider (0.60 to 0.85), set by what was seen, and only keep them from getting worse. `with_iron_*` leaves
+the phone's own iron in, `thesis_*` has also the thesis' time constant, `mean_compass_*` follows the gyroscope and the
+mean compass, `rotation_vector_*` is the phone's own. Medians of a hundred legs hop by half a degree from one choice to
+the next; ninth deciles do so less. `second_half_*` is the error on the second half of a trace: of the universal model
+fitted to all other traces, of a plain line through (cadence, length) of the first half, and of that line with a prior.
+The line knows no bounce and half a trace is short: it learns from more than that, or not at all.
 
 *Pocket* (`pocket_*`, the five rivals of the dissertation, `thigh_*` for a swinging thigh that shares no code with the
 twin) and *side of the phone* (`offset_*`) are of the twin, whose gait follows the same studies: they say that the

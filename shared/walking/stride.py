@@ -55,8 +55,8 @@ STEP_SIGMA = 0.30
 off by itself, missed steps among them, and who adds steps up as if each erred by itself is right about the sum."""
 SCALE_SIGMA = 0.08
 """Of a walk's lengths against the universal model with bounce, as a share; ``UNSEEN_SIGMA`` without. It is what the
-traces of two surveyors say. Strangers may differ more: at one cadence the people of ``step-counter`` bounce by 2.7 to 9.9
-m/s², and what that means for their lengths nobody has measured."""
+traces of two surveyors say. Strangers may differ more: at one cadence the people of ``step-counter`` bounce by 2.7 to
+9.9 m/s², and what that means for their lengths nobody has measured."""
 UNSEEN_SIGMA = 0.15
 
 

@@ -12,9 +12,16 @@ from benchmarks.step_table import figures_of, tally
 from services.gateway.steps.gated_peaks import GatedPeaks
 from shared.walking.stride import PER_BOUNCE, PER_CADENCE, USUAL_LENGTH
 
-MISSED = {"step_worst_purse", "false_steps_per_s"}
-"""Bars that the step detector misses with constants chosen on two people: those two hardly handle their phones."""
-LOWER_IS_BETTER = ("leg_error", "heading_error_deg", "heading_error_p90_deg", "turn_error_deg", "end_drift")
+MISSED = {"step_worst_purse", "false_steps_per_s", "heading_error_deg"}
+"""Bars missed with constants chosen without the person or trace: two of three people hardly handle their phones, and
+which of many equally good compass constants a mall's other traces prefer is chance. Those that ship keep them."""
+LOWER_IS_BETTER = (
+    "leg_error",
+    "shipped_heading_error_deg",
+    "shipped_heading_error_p90_deg",
+    "shipped_turn_error_deg",
+    "shipped_end_drift",
+)
 
 
 @pytest.fixture(scope="module")
