@@ -7,11 +7,11 @@ import threading
 import time
 from collections import Counter as Tally
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import NoReturn, cast
+from typing import NoReturn, TypeVar, cast
 
 import numpy as np
 import structlog
@@ -52,6 +52,7 @@ SILENCE = 60.0
 """Seconds between two warnings that the spool cannot be emptied."""
 
 log = structlog.get_logger(__name__)
+F = TypeVar("F")
 
 
 def busy(problem: str) -> RequestError:
@@ -138,25 +139,13 @@ class PhoneBook:
                 nothing of it used; 503 where the bus is away and nothing more can be stored: send it again, what was
                 used of it is kept and will be published once.
         """
-        posted = _Posted(owner, batch, received, source)
-        try:
-            return self._worker.submit(posted, posted.samples, owner.id)
-        except FullError as error:
-            raise _too_many() from error
-        except ClosedError as error:
-            raise busy("the gateway ends") from error
+        return _queued(self._worker.submit, _Posted(owner, batch, received, source))
 
     def submit_soon(
         self, owner: Registered, batch: bytes | Batch, received: float, source: str = NATIVE
     ) -> asyncio.Future[BatchReply]:
         """Do what ``submit`` does, from an event loop."""
-        posted = _Posted(owner, batch, received, source)
-        try:
-            return self._worker.submit_soon(posted, posted.samples, owner.id)
-        except FullError as error:
-            raise _too_many() from error
-        except ClosedError as error:
-            raise busy("the gateway ends") from error
+        return _queued(self._worker.submit_soon, _Posted(owner, batch, received, source))
 
     def post(self, owner: Registered, batch: bytes | Batch, received: float) -> BatchReply:
         """Take one batch and wait for the reply; see ``submit``."""
@@ -389,9 +378,15 @@ def _line(slope: float, offset: float, scale_variance: float) -> StrideLine:
     return StrideLine(np.array(slope), np.array(offset), np.array(scale_variance))
 
 
-def _too_many() -> RequestError:
-    BATCHES.labels("waiting").inc()
-    return busy("more batches wait than can be taken")
+def _queued(submit: Callable[[_Posted, int, str], F], posted: _Posted) -> F:
+    """Let a batch wait for its turn; where it cannot, say so as a refusal."""
+    try:
+        return submit(posted, posted.samples, posted.owner.id)
+    except FullError as error:
+        BATCHES.labels("waiting").inc()
+        raise busy("more batches wait than can be taken") from error
+    except ClosedError as error:
+        raise busy("the gateway ends") from error
 
 
 def _refuse_forgotten() -> NoReturn:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
+from services.gateway.reckoning.angles import wrap
 from services.gateway.reckoning.hops import Array
 
 __all__ = ["plan_heading"]
@@ -21,5 +20,4 @@ def plan_heading(compass_heading: Array, north: float) -> Array:
         compass_heading: radians clockwise from magnetic north: north 0, east π/2.
         north: direction of magnetic north on the plan, radians counter-clockwise from +x (``Site.north_radians``).
     """
-    turned = north - compass_heading
-    return -((-turned + math.pi) % (2.0 * math.pi) - math.pi)
+    return wrap(north - compass_heading)
