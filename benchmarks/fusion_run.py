@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from benchmarks.world_record import WorldRecord
 from services.fusion.area_view import AreaView
-from services.fusion.chunks import Chunker
+from services.fusion.chunks import PERIOD, Chunker, ChunkerSettings, period_of
 from services.fusion.registry import DEFAULT_TRACKER, make_tracker
 from services.fusion.tracker import Chunk
-from shared.messages import DetectionFrame, MotionBatch, RadioScan, TrackFrame
+from shared.messages import DetectionFrame, MotionBatch, RadioScan, Revision, TrackFrame
 
 __all__ = ["FusionRun", "chunks_of", "run_fusion"]
 
@@ -22,10 +22,12 @@ class FusionRun:
 
     Attributes:
         frames: one per chunk.
+        revisions: in order, of those chunks that brought one.
         seconds: of computing, per chunk; in the order of ``frames``.
     """
 
     frames: Sequence[TrackFrame]
+    revisions: Sequence[Revision]
     seconds: Sequence[float]
 
 
@@ -33,6 +35,7 @@ def run_fusion(
     record: WorldRecord,
     tracker: str = DEFAULT_TRACKER,
     seed: int = 0,
+    view: AreaView | None = None,
     progress: Callable[[float], None] = lambda t: None,
 ) -> FusionRun:
     """Return the tracks of one area.
@@ -41,24 +44,28 @@ def run_fusion(
         record: what its sensors said; of its site only what trackers may know is used.
         tracker: its name in the registry.
         seed: of trackers that draw.
+        view: what it knows of its area before it starts, where that is more than the site file says.
         progress: called with the time of each chunk.
     """
-    machine = make_tracker(tracker, AreaView.of(record.site, record.area), seed)
-    frames, seconds = [], []
-    for chunk in chunks_of(record):
+    machine = make_tracker(tracker, view or AreaView.of(record.site, record.area), seed)
+    frames, revisions, seconds = [], [], []
+    for chunk in chunks_of(record, period_of(machine.cycle)):
         begun = time.perf_counter()
         frames.append(machine.step(chunk))
         seconds.append(time.perf_counter() - begun)
+        revision = machine.revision()
+        if revision is not None:
+            revisions.append(revision)
         progress(chunk.t_end)
-    return FusionRun(frames, seconds)
+    return FusionRun(frames, revisions, seconds)
 
 
-def chunks_of(record: WorldRecord) -> Iterator[Chunk]:
+def chunks_of(record: WorldRecord, period: float = PERIOD) -> Iterator[Chunk]:
     """Yield the chunks a live run would close, message by message in the order in which they reached the bus.
 
     So a frame or a scan that comes late is late, and what comes hours later is dropped, as in a live run.
     """
-    chunker = Chunker()
+    chunker = Chunker(ChunkerSettings(period=period))
     for _, message in record.arrivals:
         match message:
             case DetectionFrame():

@@ -46,6 +46,10 @@ class Keys:
         """TrackFrame, each chunk."""
         return f"{self.root}/tracks/{_part(area)}"
 
+    def revisions(self, area: str = "*") -> str:
+        """Revision: where fusion thinks better of the last seconds."""
+        return f"{self.root}/revisions/{_part(area)}"
+
     def chunks(self, area: str = "*") -> str:
         """ChunkMark: what fusion consumed, in order; reliable."""
         return f"{self.root}/fusion/{_part(area)}/chunk"
@@ -53,6 +57,10 @@ class Keys:
     def fusion_state(self, area: str = "*") -> str:
         """Queryable: the tracker's state at the last chunk boundary, for recorders that join in mid-run."""
         return f"{self.root}/fusion/{_part(area)}/state"
+
+    def rescore(self, area: str = "*") -> str:
+        """Queryable: a candidate model → how well it explains the last minutes, beside the active one."""
+        return f"{self.root}/fusion/{_part(area)}/rescore"
 
     def alert(self, zone: str = "*") -> str:
         """Alert, reliable, cached."""

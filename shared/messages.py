@@ -26,8 +26,10 @@ __all__ = [
     "MessageError",
     "MotionBatch",
     "RadioScan",
+    "Revision",
     "StrideModel",
     "TrackFrame",
+    "TrackState",
     "decode",
     "encode",
 ]
@@ -37,6 +39,8 @@ Covariance = tuple[float, float, float]
 """A symmetric 2 x 2 covariance in m², written (xx, xy, yy)."""
 Box = tuple[float, float, float, float]
 """left, top, width, height in pixels of the camera's own image."""
+TrackState = Literal["confirmed", "coasting", "unseen"]
+"""``coasting``: no camera saw it just now; ``unseen``: a device followed by its steps and radio alone."""
 
 
 class MessageError(ValueError):
@@ -207,7 +211,7 @@ class TrackFrame(Message, frozen=True, kw_only=True):
     covariance: list[Covariance] = []
     vx: list[float] = []
     vy: list[float] = []
-    state: list[Literal["confirmed", "coasting"]] = []
+    state: list[TrackState] = []
     device: list[str | None] = []
     """The device this person carries; None is "not sure" or "carries none"."""
     probability: list[Probability] = []
@@ -242,12 +246,46 @@ class TrackFrame(Message, frozen=True, kw_only=True):
         )
 
 
+class Revision(Message, frozen=True, kw_only=True):
+    """What fusion now thinks of some devices' last seconds, where it is no longer what its frames said.
+
+    For device i all that was said of the times from ``since[i]`` to ``t`` is replaced by the points with
+    ``of == i``, oldest first; a device without points was nowhere in this area.
+    """
+
+    area: str
+    chunk: int
+    tracker: str
+    device: list[str] = []
+    since: list[float] = []
+    of: list[int] = []
+    """Which device of ``device`` each point is of."""
+    at: list[float] = []
+    track: list[int] = []
+    """The track that carried it; 0 where no camera saw it."""
+    x: list[float] = []
+    y: list[float] = []
+    covariance: list[Covariance] = []
+    probability: list[Probability] = []
+
+    @classmethod
+    def columns(cls) -> tuple[str, ...]:
+        """One entry per point."""
+        return ("of", "at", "track", "x", "y", "covariance", "probability")
+
+    @classmethod
+    def event_columns(cls) -> tuple[str, ...]:
+        """One entry per device."""
+        return ("device", "since")
+
+
 class ChunkMark(Message, frozen=True, kw_only=True):
     """Fusion closed a chunk: the trace ids of exactly what it consumed, in order. What makes replay exact."""
 
     area: str
     chunk: int
     t_start: float
+    t_end: float
     consumed: list[str] = []
 
 

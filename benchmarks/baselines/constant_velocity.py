@@ -17,7 +17,7 @@ from scipy.optimize import linear_sum_assignment
 from benchmarks.baselines.anonymous_tracks import AnonymousTracks, TrackRows
 from benchmarks.baselines.sightings import Sightings
 from benchmarks.world_record import WorldRecord
-from services.fusion.kalman_bank import innovations, predict, start, update
+from services.fusion.positions.kalman_bank import innovations, predict, start, update
 
 __all__ = ["ConstantVelocityParameters", "follow", "track"]
 

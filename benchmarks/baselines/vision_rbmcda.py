@@ -26,7 +26,7 @@ from scipy.spatial import ConvexHull
 from benchmarks.baselines.anonymous_tracks import AnonymousTracks, TrackRows
 from benchmarks.baselines.sightings import Sightings
 from benchmarks.world_record import WorldRecord
-from services.fusion.kalman_bank import innovations, predict, start, update
+from services.fusion.positions.kalman_bank import innovations, predict, start, update
 
 __all__ = ["Particles", "RbmcdaParameters", "View", "track"]
 

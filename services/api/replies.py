@@ -9,7 +9,7 @@ from typing import Literal
 
 import msgspec
 
-from shared.messages import Alert, Covariance
+from shared.messages import Alert, Covariance, TrackState
 
 __all__ = [
     "AccessPointView",
@@ -59,7 +59,7 @@ class Position(Reply, frozen=True, kw_only=True):
     track: int
     probability: float
     """Of the device being this person's."""
-    state: Literal["confirmed", "coasting", "lost"]
+    state: Literal["confirmed", "coasting", "unseen", "lost"]
     """``lost``: no person in the area's newest frame carries it; this is where it was last."""
 
 
@@ -83,7 +83,7 @@ class Track(Reply, frozen=True, kw_only=True):
     vy: float
     t: float
     age: float
-    state: Literal["confirmed", "coasting"]
+    state: TrackState
     device: str | None
     probability: float
     runner_up: str | None
@@ -110,7 +110,7 @@ class TrackColumns(Reply, frozen=True, kw_only=True):
     y: list[float]
     vx: list[float]
     vy: list[float]
-    state: list[Literal["confirmed", "coasting"]]
+    state: list[TrackState]
     device: list[str | None]
     probability: list[float]
 

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from shared.radio import PathLoss
+from shared.radio import PathLoss, ShadowingMap
 from shared.site import Camera, FloorPlan, Site
 
 __all__ = ["AreaView", "ViewMap"]
@@ -60,6 +60,9 @@ class AreaView:
         views: by camera id.
         everywhere: the union of all views.
         radio: first guess of the path loss of the floor's access points.
+        plan: the floor's outline, walls and obstacles.
+        shadowing: what was learned of the radio beyond path loss, its access points in the order of ``radio``; None
+            where nothing was.
     """
 
     area: str
@@ -69,6 +72,8 @@ class AreaView:
     views: dict[str, ViewMap]
     everywhere: ViewMap
     radio: PathLoss
+    plan: FloorPlan
+    shadowing: ShadowingMap | None = None
 
     @classmethod
     def of(cls, site: Site, area_id: str) -> AreaView:
@@ -95,6 +100,7 @@ class AreaView:
             views={name: ViewMap(lower, cell, _depth(mask, cell)) for name, mask in masks.items()},
             everywhere=ViewMap(lower, cell, _depth(union, cell)),
             radio=PathLoss.of([point for point in site.access_points if point.floor == area.floor]),
+            plan=plan,
         )
 
 

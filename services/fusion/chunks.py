@@ -15,10 +15,15 @@ from typing import Generic, TypeVar
 from services.fusion.tracker import Chunk
 from shared.messages import DetectionFrame, Erasure, MotionBatch, RadioScan
 
-__all__ = ["PERIOD", "Chunker", "ChunkerSettings", "Closed"]
+__all__ = ["PERIOD", "Chunker", "ChunkerSettings", "Closed", "period_of"]
 
 PERIOD = 1.0 / 15.0
 P = TypeVar("P", RadioScan, MotionBatch)
+
+
+def period_of(cycle: float) -> float:
+    """Return how long the chunks last that a tracker of this cycle is stepped with, seconds."""
+    return cycle or PERIOD
 
 
 @dataclass(frozen=True)

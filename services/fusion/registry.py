@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from services.fusion.area_view import AreaView
+from services.fusion.evidence.tracker import AnonymousTracker, EvidenceTracker
 from services.fusion.tracker import Tracker
-from services.fusion.two_layer import AnonymousTracker, TwoLayerTracker
 
 __all__ = ["DEFAULT_TRACKER", "TRACKERS", "make_tracker"]
 
@@ -14,11 +14,11 @@ Factory = Callable[[AreaView, int], Tracker]
 
 TRACKERS: dict[str, Factory] = {
     AnonymousTracker.name: lambda view, seed: AnonymousTracker(view),
-    TwoLayerTracker.name: lambda view, seed: TwoLayerTracker(view),
+    EvidenceTracker.name: lambda view, seed: EvidenceTracker(view),
 }
 """Each makes a tracker of an area; the seed is for those that draw random numbers."""
 
-DEFAULT_TRACKER = TwoLayerTracker.name
+DEFAULT_TRACKER = EvidenceTracker.name
 
 
 def make_tracker(name: str, view: AreaView, seed: int = 0) -> Tracker:

@@ -8,7 +8,6 @@ from typing import Any
 import msgspec
 
 from services.fusion.area_view import AreaView
-from services.fusion.chunks import PERIOD
 from services.fusion.registry import DEFAULT_TRACKER, make_tracker
 from services.fusion.tracker import Chunk
 from shared.messages import ChunkMark, DetectionFrame, Erasure, Message, MotionBatch, RadioScan, TrackFrame
@@ -32,7 +31,7 @@ def chunk_of(mark: ChunkMark, inputs: Sequence[Message]) -> Chunk:
     return Chunk(
         index=mark.chunk,
         t_start=mark.t_start,
-        t_end=(mark.chunk + 1) * PERIOD,
+        t_end=mark.t_end,
         frames=tuple(message for message in inputs if isinstance(message, DetectionFrame)),
         scans=tuple(message for message in inputs if isinstance(message, RadioScan)),
         motions=tuple(message for message in inputs if isinstance(message, MotionBatch)),

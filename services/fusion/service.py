@@ -13,15 +13,15 @@ import msgspec
 import structlog
 from prometheus_client import Counter, Gauge, Histogram
 
-from services.fusion.anonymous import MOST_CAMERAS
 from services.fusion.area_view import AreaView
-from services.fusion.chunks import Chunker, ChunkerSettings, Closed
+from services.fusion.chunks import Chunker, ChunkerSettings, Closed, period_of
+from services.fusion.positions.anonymous import MOST_CAMERAS
 from services.fusion.registry import TRACKERS, make_tracker
 from services.fusion.replay import StateAnswer
 from services.fusion.settings import FusionSettings
 from services.fusion.tracker import TrackerStateError
 from shared.bus import Bus, Delivery, Trace
-from shared.messages import ChunkMark, DetectionFrame, Erasure, Message, MotionBatch, RadioScan, TrackFrame
+from shared.messages import ChunkMark, DetectionFrame, Erasure, Message, MotionBatch, RadioScan, Revision, TrackFrame
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
@@ -54,8 +54,8 @@ class FusionService(Service[FusionSettings]):
     def __init__(self, settings: FusionSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
         self.area = _area_of(settings, site)
-        self.chunker = Chunker(ChunkerSettings(lateness=settings.camera_lateness))
         self.tracker = make_tracker(settings.tracker, AreaView.of(site, self.area), settings.tracker_seed)
+        self.chunker = Chunker(ChunkerSettings(lateness=settings.camera_lateness, period=period_of(self.tracker.cycle)))
         self._cameras = {camera.id for camera in site.cameras_of(self.area)}
         self._frames_seen = dict.fromkeys(self._cameras, time.monotonic())
         self._silent: set[str] = set()
@@ -94,6 +94,7 @@ class FusionService(Service[FusionSettings]):
         self._restore()
         self._marks = self.bus.publisher(self.keys.chunks(self.area), ChunkMark)
         self._tracks = self.bus.publisher(self.keys.tracks(self.area), TrackFrame)
+        self._revisions = self.bus.publisher(self.keys.revisions(self.area), Revision)
         self.bus.answer(self.keys.fusion_state(self.area), self.answer_state)
         for camera in sorted(self._cameras):
             self._inbox.subscribe(self.keys.detections(camera), DetectionFrame, newest=True)
@@ -163,10 +164,18 @@ class FusionService(Service[FusionSettings]):
             STEP.observe(time.perf_counter() - began)
         self._marks.publish(
             ChunkMark(
-                t=frame.t, area=self.area, chunk=chunk.index, t_start=chunk.t_start, consumed=list(closed.consumed)
+                t=frame.t,
+                area=self.area,
+                chunk=chunk.index,
+                t_start=chunk.t_start,
+                t_end=chunk.t_end,
+                consumed=list(closed.consumed),
             )
         )
         self._tracks.publish(frame, origin=trace.origin)
+        revision = self.tracker.revision()
+        if revision is not None:
+            self._revisions.publish(revision, origin=trace.origin)
         now = time.time()
         FROM_DETECTION.observe(max(now - trace.sent, 0.0))
         FROM_CAPTURE.observe(max(now - trace.origin, 0.0))

@@ -15,7 +15,7 @@ class FusionSettings(ServiceSettings):
     """One process tracks one area."""
 
     area: str = Field("", description="id of the area to track; empty: the site's only area")
-    tracker: str = Field("two-layer", description="which tracker runs: two-layer or anonymous")
+    tracker: str = Field("evidence", description="which tracker runs: evidence, rbmcda, rbmcda-vision or anonymous")
     tracker_seed: int = Field(0, ge=0, description="seed of the tracker's random generator, where it has one")
     camera_lateness: float = Field(
         0.15, ge=0.0, le=5.0, description="seconds by which the fastest camera may be ahead before others are left out"

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from shared.messages import DetectionFrame, Erasure, MotionBatch, RadioScan, TrackFrame
+from shared.messages import DetectionFrame, Erasure, MotionBatch, RadioScan, Revision, TrackFrame
 
 __all__ = ["Chunk", "Tracker", "TrackerStateError"]
 
@@ -47,10 +47,14 @@ class Tracker(Protocol):
 
     name: str
     cycle: float
-    """Seconds between the chunks it wants to be stepped with; 0 means every chunk."""
+    """Seconds a chunk lasts that it wants to be stepped with (``chunks.period_of``); 0 means the usual 1/15 s."""
 
     def step(self, chunk: Chunk) -> TrackFrame:
         """Consume one chunk and return everybody; what cannot be used is ignored, never an error."""
+        ...
+
+    def revision(self) -> Revision | None:
+        """Return where the last step changed what the steps before it had said; None where it changed nothing."""
         ...
 
     def ignored(self) -> dict[str, int]:

@@ -2,5 +2,6 @@
 
 from shared.radio.likelihood import RadioNoise, log_likelihood
 from shared.radio.path_loss import PathLoss
+from shared.radio.shadowing_map import ShadowingMap
 
-__all__ = ["PathLoss", "RadioNoise", "log_likelihood"]
+__all__ = ["PathLoss", "RadioNoise", "ShadowingMap", "log_likelihood"]

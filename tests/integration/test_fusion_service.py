@@ -18,10 +18,10 @@ from health_page import get, metric
 from waiting import wait_until
 
 from services.fusion.area_view import AreaView
+from services.fusion.evidence.tracker import AnonymousTracker
 from services.fusion.replay import replay_tracks
 from services.fusion.service import FusionService
 from services.fusion.settings import FusionSettings
-from services.fusion.two_layer import AnonymousTracker
 from shared.bus import Bus, Delivery, Trace, router
 from shared.keys import Keys
 from shared.messages import ChunkMark, DetectionFrame, Message, MotionBatch, RadioScan, TrackFrame, encode
@@ -274,7 +274,7 @@ def test_ids_survive_a_restart(zenoh_router: str, start: Start, tmp_path: Path) 
 
 
 def test_a_damaged_state_file_is_left_aside(zenoh_router: str, start: Start, tmp_path: Path) -> None:
-    (tmp_path / "fusion-hall.json").write_text('{"chunk": 5, "tracker": "two-layer", "state": {}}')
+    (tmp_path / "fusion-hall.json").write_text('{"chunk": 5, "tracker": "evidence", "state": {}}')
     process, _ = start(zenoh_router, "--area", "hall", "--state-folder", str(tmp_path))
     with Bus([zenoh_router]) as bus:
         Stage(bus).until_tracked()
@@ -346,7 +346,7 @@ def test_what_is_dropped_is_counted_by_reason(zenoh_router: str, start: Start) -
     [
         (("--area", "cellar"), "allowed: hall, gallery"),
         ((), "the site has several areas"),
-        (("--area", "hall", "--tracker", "magic"), "allowed: anonymous, two-layer"),
+        (("--area", "hall", "--tracker", "magic"), "allowed: anonymous, evidence"),
     ],
 )
 def test_a_wrong_setting_is_one_clear_message(start: Start, flags: tuple[str, ...], words: str) -> None:

@@ -42,7 +42,11 @@ def write_chunks(path: Path, chunks: int, order: random.Random) -> None:
             consumed.append(f"r{n}")
             entries.append((KEYS.radio("d"), scan(n), f"r{n}"))
         entries.append(
-            (KEYS.chunks("a"), ChunkMark(t=n / 10, area="a", chunk=n, t_start=n / 10, consumed=consumed), f"m{n}")
+            (
+                KEYS.chunks("a"),
+                ChunkMark(t=n / 10, area="a", chunk=n, t_start=n / 10, t_end=(n + 1) / 10, consumed=consumed),
+                f"m{n}",
+            )
         )
         entries.append((KEYS.tracks("a"), TrackFrame(t=n / 10, area="a", chunk=n, tracker="x"), f"t{n}"))
     for start in range(0, len(entries), 5):
@@ -81,7 +85,7 @@ def test_messages_survive_to_the_last_bit(tmp_path: Path) -> None:
 def test_an_input_the_recorder_never_got_is_counted_not_hidden(tmp_path: Path) -> None:
     path = tmp_path / "r.mcap"
     with RecordingWriter(path, "test", Path("site.yaml")) as writer:
-        mark = ChunkMark(t=0, area="a", chunk=0, t_start=0, consumed=["gone"])
+        mark = ChunkMark(t=0, area="a", chunk=0, t_start=0, t_end=1, consumed=["gone"])
         writer.write(KEYS.chunks("a"), mark, Trace("m", 0.0, 1.0))
     (chunk,) = Recording(path).consumed("a")
     assert (chunk.missing, chunk.inputs, chunk.tracks) == (1, (), None)

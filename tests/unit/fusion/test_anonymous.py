@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from fusion_world import World, frame, make_site, make_view
 
-from services.fusion.anonymous import AnonymousLayer
 from services.fusion.area_view import AreaView
+from services.fusion.positions.anonymous import AnonymousLayer
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.fusion.association import assign, association_marginals
+from services.fusion.evidence.association import assign, association_marginals
 
 
 def enumerated(log_odds: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
 def recorded(chunks: list[Chunk], area: str = "hall") -> list[tuple[ChunkMark, tuple[Message, ...]]]:
     return [
         (
-            ChunkMark(t=one.t_end, area=area, chunk=one.index, t_start=one.t_start),
+            ChunkMark(t=one.t_end, area=area, chunk=one.index, t_start=one.t_start, t_end=one.t_end),
             (*one.frames, *one.scans, *one.motions),
         )
         for one in chunks
@@ -37,13 +37,13 @@ def test_a_recorded_chunk_is_the_chunk_that_was_consumed(site: Site) -> None:
 
 def test_from_the_start_and_from_the_middle_the_bytes_are_the_same(site: Site) -> None:
     chunks = World(site, seed=3, seconds=12.0).chunks()
-    tracker = make_tracker("two-layer", AreaView.of(site, "hall"))
+    tracker = make_tracker("evidence", AreaView.of(site, "hall"))
     live, state = [], b""
     for number, one in enumerate(chunks):
         live.append(encode(tracker.step(one)))
         if number == 30:
             state = msgspec.json.encode(
-                StateAnswer(chunk=one.index, tracker="two-layer", state=msgspec.Raw(tracker.state()))
+                StateAnswer(chunk=one.index, tracker="evidence", state=msgspec.Raw(tracker.state()))
             )
     others = recorded(chunks, area="gallery")
     everything = [entry for pair in zip(recorded(chunks), others, strict=True) for entry in pair]
@@ -59,6 +59,6 @@ def test_a_state_before_the_first_chunk_is_no_state_but_names_the_tracker(site: 
 
 
 def test_a_state_that_does_not_fit_is_an_error_in_words(site: Site) -> None:
-    state = msgspec.json.encode(StateAnswer(chunk=5, tracker="two-layer", state={"tracker": "two-layer"}))
-    with pytest.raises(TrackerStateError, match="two-layer"):
+    state = msgspec.json.encode(StateAnswer(chunk=5, tracker="evidence", state={"tracker": "evidence"}))
+    with pytest.raises(TrackerStateError, match="evidence"):
         list(replay_tracks([], site, "hall", state))

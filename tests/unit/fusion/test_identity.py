@@ -7,8 +7,8 @@ import pytest
 from fusion_world import World, chunk, frame, make_site
 
 from services.fusion.area_view import AreaView
+from services.fusion.evidence.tracker import EvidenceTracker
 from services.fusion.tracker import Chunk
-from services.fusion.two_layer import TwoLayerTracker
 from shared.messages import RadioScan, TrackFrame, encode
 from shared.site import Site
 
@@ -19,8 +19,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
     return make_site(folder)
 
 
-def run(world: World, *, motion: bool = True) -> tuple[TwoLayerTracker, list[TrackFrame]]:
-    tracker = TwoLayerTracker(AreaView.of(world.site, "hall"))
+def run(world: World, *, motion: bool = True) -> tuple[EvidenceTracker, list[TrackFrame]]:
+    tracker = EvidenceTracker(AreaView.of(world.site, "hall"))
     return tracker, [tracker.step(one) for one in world.chunks(motion=motion)]
 
 
@@ -51,7 +51,7 @@ def test_the_access_points_are_learned(site: Site) -> None:
 def test_a_phone_that_is_not_in_view_claims_nobody_for_long(site: Site, levels: tuple[int, ...]) -> None:
     """Two people without phones walk in view while a phone is heard that moves with neither."""
     world = World(site, seed=4, people=2, seconds=60.0)
-    tracker = TwoLayerTracker(AreaView.of(site, "hall"))
+    tracker = EvidenceTracker(AreaView.of(site, "hall"))
     rng = np.random.default_rng(1)
     claimed = []
     for number, seen in enumerate(world.frames()):
@@ -73,7 +73,7 @@ def test_a_phone_that_is_not_in_view_claims_nobody_for_long(site: Site, levels: 
 
 def test_a_scan_four_seconds_late_counts_and_a_stale_one_does_not(site: Site) -> None:
     def after_late_scan(delay: float) -> set[str]:
-        tracker = TwoLayerTracker(AreaView.of(site, "hall"))
+        tracker = EvidenceTracker(AreaView.of(site, "hall"))
         for number in range(60):
             t = 100.0 + number / 7
             scan = RadioScan(t=t - delay, device="late", seq=0, access_point=["ap-1"], rssi=[-50.0])
@@ -86,7 +86,7 @@ def test_a_scan_four_seconds_late_counts_and_a_stale_one_does_not(site: Site) ->
 
 
 def test_the_same_scan_twice_counts_once(site: Site) -> None:
-    tracker = TwoLayerTracker(AreaView.of(site, "hall"))
+    tracker = EvidenceTracker(AreaView.of(site, "hall"))
     for number in range(20):
         tracker.step(chunk(frame(100.0 + number / 7, [(8.0, 7.0)])))
     scan = RadioScan(t=102.0, device="a", seq=0, access_point=["ap-1"], rssi=[-50.0])
@@ -98,7 +98,7 @@ def test_scans_told_again_after_others_count_once(site: Site) -> None:
     """A gateway that lost the bus tells what it is not sure to have told."""
 
     def odds(again: bool) -> float:
-        tracker = TwoLayerTracker(AreaView.of(site, "hall"))
+        tracker = EvidenceTracker(AreaView.of(site, "hall"))
         told = [
             RadioScan(t=103.0 + n, device="a", seq=n, access_point=["ap-1", "ap-2"], rssi=[-60.0 - n, -62.0])
             for n in range(2)
@@ -114,7 +114,7 @@ def test_scans_told_again_after_others_count_once(site: Site) -> None:
 
 def test_a_person_who_stands_still_loses_the_name_of_a_phone_that_is_silent_for_long(site: Site) -> None:
     view = AreaView.of(site, "hall")
-    tracker = TwoLayerTracker(view)
+    tracker = EvidenceTracker(view)
     place = np.array([8.0, 7.0])
     level = view.radio.rssi(place[None])[0].tolist()
     named = []
@@ -144,14 +144,14 @@ def test_rows_and_columns_of_those_who_left_are_not_in_the_state_and_not_missed(
         ]
         return chunk(frame(t, places, seq=number), scans=scans)
 
-    tracker = TwoLayerTracker(view)
+    tracker = EvidenceTracker(view)
     sizes = {}
     for number in range(900):
         tracker.step(visit(number))
         sizes[number] = len(tracker.state()) if number in (200, 899) else 0
     assert set(tracker.identity.devices) == {None}
     assert sizes[899] < 0.6 * sizes[200]
-    other = TwoLayerTracker(view)
+    other = EvidenceTracker(view)
     other.restore(tracker.state())
     for number in range(900, 1100):
         assert encode(tracker.step(visit(number))) == encode(other.step(visit(number)))
@@ -162,7 +162,7 @@ def test_rows_and_columns_of_those_who_left_are_not_in_the_state_and_not_missed(
 def test_a_broken_track_is_continued_under_the_same_name_with_its_former_id(site: Site) -> None:
     """The person is hidden for longer than a track coasts; the phone carries the name across."""
     world = World(site, seed=1, people=3, seconds=60.0)
-    tracker = TwoLayerTracker(AreaView.of(site, "hall"))
+    tracker = EvidenceTracker(AreaView.of(site, "hall"))
     hidden = (world.t0 + 40.0, world.t0 + 44.0)
     ids: dict[bool, set[int]] = {False: set(), True: set()}
     former: list[int] = []
@@ -191,7 +191,7 @@ def test_a_broken_track_is_continued_under_the_same_name_with_its_former_id(site
 def test_access_points_of_another_floor_and_devices_that_left_are_forgotten(site: Site) -> None:
     view = AreaView.of(site, "hall")
     assert "upstairs" not in view.radio.names
-    tracker = TwoLayerTracker(view)
+    tracker = EvidenceTracker(view)
     for number in range(200):
         t = 100.0 + number
         scan = RadioScan(t=t, device=f"visitor-{number}", seq=0, access_point=["ap-1", "upstairs"], rssi=[-60.0, -50.0])

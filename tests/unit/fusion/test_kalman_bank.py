@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from services.fusion import kalman_bank
+from services.fusion.positions import kalman_bank
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ import yaml
 from fusion_world import SITE, chunk, frame
 
 from services.fusion.area_view import AreaView
+from services.fusion.evidence.tracker import AnonymousTracker
 from services.fusion.service import FusionService
 from services.fusion.settings import FusionSettings
-from services.fusion.two_layer import AnonymousTracker
 from shared.settings import SettingsError
 from shared.site import Site, load_site
 

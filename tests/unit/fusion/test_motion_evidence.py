@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from services.fusion.motion_evidence import LIMIT, Walk, WalkFilters, walks_of
+from services.fusion.evidence.motion_evidence import LIMIT, Walk, WalkFilters, walks_of
 
 ROWS = np.array([0, 1])
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.fusion.radio_evidence import PathFilters
+from services.fusion.evidence.radio_evidence import PathFilters
 from shared.radio import PathLoss, RadioNoise, log_likelihood
 
 NOISE = RadioNoise(white=2.0, shadowing=4.0, shadowing_range=3.0, access_point=3.0, device=2.5)

@@ -8,7 +8,7 @@ from fusion_world import World, make_site
 
 from services.fusion.area_view import AreaView
 from services.fusion.chunks import Chunker
-from services.fusion.two_layer import TwoLayerTracker
+from services.fusion.evidence.tracker import EvidenceTracker
 from shared.messages import Erasure, RadioScan
 from shared.site import Site
 
@@ -22,7 +22,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
 @pytest.mark.parametrize("level", [-35.0, -60.0])
 def test_a_phone_that_told_one_scan_and_fell_silent_gets_nobody(site: Site, level: float) -> None:
     world = World(site, seed=3, people=6, seconds=40.0)
-    tracker = TwoLayerTracker(AreaView.of(site, "hall"))
+    tracker = EvidenceTracker(AreaView.of(site, "hall"))
     named = 0
     for number, chunk in enumerate(world.chunks(motion=False)):
         scans: tuple[RadioScan, ...] = ()
@@ -36,7 +36,7 @@ def test_a_phone_that_told_one_scan_and_fell_silent_gets_nobody(site: Site, leve
 
 def test_a_withdrawn_device_is_on_no_track_from_the_same_chunk_on(site: Site) -> None:
     world = World(site, seed=1, seconds=40.0)
-    tracker = TwoLayerTracker(AreaView.of(site, "hall"))
+    tracker = EvidenceTracker(AreaView.of(site, "hall"))
     chunks = world.chunks()
     half = len(chunks) // 2
     before = [tracker.step(chunk) for chunk in chunks[:half]][-1]

@@ -10,15 +10,15 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from services.fusion.anonymous import AnonymousLayer, AnonymousSettings
 from services.fusion.area_view import AreaView
-from services.fusion.identity import IdentityLayer
-from services.fusion.identity_settings import IdentitySettings
+from services.fusion.evidence.identity import IdentityLayer
+from services.fusion.evidence.identity_settings import IdentitySettings
+from services.fusion.positions.anonymous import AnonymousLayer, AnonymousSettings
 from services.fusion.snapshot import encode_snapshot
 from services.fusion.tracker import Chunk, TrackerStateError
-from shared.messages import TrackFrame, pack_covariances
+from shared.messages import Revision, TrackFrame, pack_covariances
 
-__all__ = ["AnonymousTracker", "TwoLayerTracker"]
+__all__ = ["AnonymousTracker", "EvidenceTracker"]
 
 LEAST_RIVAL = 0.01
 """Probability below which a runner-up is not worth telling."""
@@ -39,6 +39,10 @@ class AnonymousTracker:
         for frame in chunk.frames:
             self.positions.observe(frame)
         return self._frame(chunk)
+
+    def revision(self) -> Revision | None:
+        """Return nothing: what was said stands."""
+        return None
 
     def ignored(self) -> dict[str, int]:
         """Return how much could not be used so far, by reason."""
@@ -106,10 +110,10 @@ class AnonymousTracker:
         """Fill in who the tracks are; nobody knows here."""
 
 
-class TwoLayerTracker(AnonymousTracker):
+class EvidenceTracker(AnonymousTracker):
     """Positions at camera rate; on them, names as scans come in."""
 
-    name = "two-layer"
+    name = "evidence"
 
     def __init__(
         self,

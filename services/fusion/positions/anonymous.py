@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from services.fusion import kalman_bank
 from services.fusion.area_view import AreaView
+from services.fusion.positions import kalman_bank
 from services.fusion.snapshot import counts, unpack
 from shared.messages import DetectionFrame
 

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.fusion.area_view import AreaView
-from services.fusion.association import assign, association_marginals
-from services.fusion.hypotheses import Hypotheses
-from services.fusion.identity_settings import IdentitySettings
-from services.fusion.motion_evidence import Walk, walks_of
+from services.fusion.evidence.association import assign, association_marginals
+from services.fusion.evidence.hypotheses import Hypotheses
+from services.fusion.evidence.identity_settings import IdentitySettings
+from services.fusion.evidence.motion_evidence import Walk, walks_of
 from services.fusion.snapshot import counts, unpack
 from shared.messages import MotionBatch, RadioScan, decode
 

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.fusion.area_view import AreaView
-from services.fusion.calibration import Calibration
-from services.fusion.identity_settings import IdentitySettings
-from services.fusion.motion_evidence import WalkFilters
-from services.fusion.path_history import PathHistory
-from services.fusion.radio_evidence import PathFilters
+from services.fusion.evidence.calibration import Calibration
+from services.fusion.evidence.identity_settings import IdentitySettings
+from services.fusion.evidence.motion_evidence import WalkFilters
+from services.fusion.evidence.path_history import PathHistory
+from services.fusion.evidence.radio_evidence import PathFilters
 from services.fusion.snapshot import unpack
 
 __all__ = ["Hypotheses"]

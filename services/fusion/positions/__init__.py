@@ -1,0 +1,1 @@
+"""Where is everybody? Anonymous tracks from all cameras of an area."""
