@@ -32,6 +32,7 @@ from shared.messages import (
     Message,
     MotionBatch,
     RadioScan,
+    Revision,
     TrackFrame,
     decode,
     encode,
@@ -55,6 +56,7 @@ TOPICS: dict[type[Message], Callable[[Keys], str]] = {
     Erasure: Keys.erasure,
     ChunkMark: Keys.chunks,
     TrackFrame: Keys.tracks,
+    Revision: Keys.revisions,
     CameraStatus: Keys.camera_status,
     Alert: Keys.alert,
 }
@@ -229,6 +231,12 @@ class Recording:
         return sorted(
             {recorded.message.area for recorded in self.messages() if isinstance(recorded.message, ChunkMark)}
         )
+
+    def revisions(self, area: str) -> dict[int, Revision]:
+        """Return what fusion of ``area`` revised, by the chunk with which it did."""
+        key = Keys(self.site).revisions(area)
+        found = (recorded.message for recorded in self.messages() if recorded.key == key)
+        return {message.chunk: message for message in found if isinstance(message, Revision)}
 
     def consumed(self, area: str) -> Iterator[Consumed]:
         """Yield chunk by chunk what fusion of ``area`` consumed and what it published."""

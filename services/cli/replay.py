@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 from services.cli.recording import INPUT_KINDS, Consumed, Recording
 from services.fusion.registry import DEFAULT_TRACKER
-from services.fusion.replay import replay_tracks
+from services.fusion.replay import replay_steps
 from shared.bus import Bus, Publisher
-from shared.messages import ChunkMark, Message, TrackFrame, decode, encode
+from shared.messages import ChunkMark, Message, Revision, TrackFrame, decode, encode
 from shared.site import Site
 
 __all__ = ["Verdict", "describe", "play", "verify"]
@@ -20,10 +20,11 @@ __all__ = ["Verdict", "describe", "play", "verify"]
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came of comparing one area's recorded tracks with those computed anew."""
+    """What came of comparing one area's recorded tracks, and their revisions, with those computed anew."""
 
     area: str
     frames: int
+    revisions: int
     different: int
     first_difference: int | None
     missing_inputs: int
@@ -33,12 +34,12 @@ class Verdict:
 
     @property
     def identical(self) -> bool:
-        """Whether every recorded frame was reproduced to the byte."""
+        """Whether every recorded frame and revision was reproduced to the byte."""
         return self.frames > 0 and not (self.different or self.missing_inputs or self.after_restart)
 
     def __str__(self) -> str:
         """Say it in one line."""
-        words = f"area {self.area}: {self.frames} track frames compared"
+        words = f"area {self.area}: {self.frames} track frames and {self.revisions} revisions compared"
         if self.identical:
             words += ", all identical to the byte"
         elif self.different:
@@ -111,8 +112,9 @@ def _verify_area(recording: Recording, site: Site, area: str) -> Verdict:
             yield consumed.mark, consumed.inputs
 
     tracker = next((one.tracks.tracker for one in recording.consumed(area) if one.tracks), DEFAULT_TRACKER)
-    different, first_difference, frames, unrecorded, missing = 0, None, 0, 0, 0
-    for frame in replay_tracks(recorded_chunks(), site, area, recording.state(area), tracker):
+    recorded_revisions = recording.revisions(area)
+    different, first_difference, frames, revisions, unrecorded, missing = 0, None, 0, 0, 0, 0
+    for frame, revision in replay_steps(recorded_chunks(), site, area, recording.state(area), tracker):
         consumed = chunks.popleft()
         while consumed.mark.chunk != frame.chunk:  # older than the state the recording begins with
             consumed = chunks.popleft()
@@ -121,12 +123,19 @@ def _verify_area(recording: Recording, site: Site, area: str) -> Verdict:
             unrecorded += 1
             continue
         frames += 1
-        if not _same(frame, consumed.tracks):
+        told = recorded_revisions.get(frame.chunk)
+        revisions += told is not None
+        # A revision that was made and not recorded is like a frame that was not recorded: nothing to compare with.
+        wrong = told is not None and (revision is None or not _same(revision, told))
+        unrecorded += revision is not None and told is None
+        if wrong or not _same(frame, consumed.tracks):
             different += 1
             first_difference = frame.chunk if first_difference is None else first_difference
-    return Verdict(area, frames, different, first_difference, missing, unrecorded, after_restart, recording.truncated)
+    return Verdict(
+        area, frames, revisions, different, first_difference, missing, unrecorded, after_restart, recording.truncated
+    )
 
 
-def _same(one: TrackFrame, other: TrackFrame) -> bool:
-    # Once over the wire and back, as the recorded frame was: there, whole numbers become floats.
-    return encode(decode(encode(one), TrackFrame)) == encode(other)
+def _same(one: TrackFrame | Revision, other: TrackFrame | Revision) -> bool:
+    # Once over the wire and back, as what was recorded: there, whole numbers become floats.
+    return encode(decode(encode(one), type(one))) == encode(other)

@@ -10,10 +10,19 @@ import msgspec
 from services.fusion.area_view import AreaView
 from services.fusion.registry import DEFAULT_TRACKER, make_tracker
 from services.fusion.tracker import Chunk
-from shared.messages import ChunkMark, DetectionFrame, Erasure, Message, MotionBatch, RadioScan, TrackFrame
+from shared.messages import (
+    ChunkMark,
+    DetectionFrame,
+    Erasure,
+    Message,
+    MotionBatch,
+    RadioScan,
+    Revision,
+    TrackFrame,
+)
 from shared.site import Site
 
-__all__ = ["StateAnswer", "chunk_of", "replay_tracks"]
+__all__ = ["StateAnswer", "chunk_of", "replay_steps", "replay_tracks"]
 
 
 class StateAnswer(msgspec.Struct, frozen=True, kw_only=True):
@@ -47,7 +56,20 @@ def replay_tracks(
     tracker: str = DEFAULT_TRACKER,
     seed: int = 0,
 ) -> Iterator[TrackFrame]:
-    """Yield the tracks of each recorded chunk.
+    """Yield the tracks of each recorded chunk; see ``replay_steps``."""
+    for frame, _ in replay_steps(chunks, site, area, state, tracker, seed):
+        yield frame
+
+
+def replay_steps(
+    chunks: Iterable[tuple[ChunkMark, Sequence[Message]]],
+    site: Site,
+    area: str,
+    state: bytes | None = None,
+    tracker: str = DEFAULT_TRACKER,
+    seed: int = 0,
+) -> Iterator[tuple[TrackFrame, Revision | None]]:
+    """Yield the tracks of each recorded chunk and what they revised, if anything.
 
     Args:
         chunks: each recorded mark with the messages it names, in its order.
@@ -73,4 +95,5 @@ def replay_tracks(
         # Only the lead is older than the state; later, numbers may fall again: somebody set the clock back.
         if mark.area == area and (begun or mark.chunk > done):
             begun = True
-            yield machine.step(chunk_of(mark, inputs))
+            frame = machine.step(chunk_of(mark, inputs))
+            yield frame, machine.revision()

@@ -6,7 +6,6 @@ import threading
 import time
 from collections import Counter as Count
 from collections.abc import Callable
-from pathlib import Path
 from typing import ClassVar
 
 import msgspec
@@ -19,7 +18,11 @@ from services.fusion.positions.anonymous import MOST_CAMERAS
 from services.fusion.registry import TRACKERS, make_tracker
 from services.fusion.replay import StateAnswer
 from services.fusion.settings import FusionSettings
+from services.fusion.state_file import StateFile
 from services.fusion.tracker import TrackerStateError
+from services.fusion.two_places import TwoPlaces
+from services.fusion.watch import Watch
+from shared.bus import DROPPED as BUS_DROPPED
 from shared.bus import Bus, Delivery, Trace
 from shared.messages import ChunkMark, DetectionFrame, Erasure, Message, MotionBatch, RadioScan, Revision, TrackFrame
 from shared.runner import Health, Service
@@ -54,18 +57,26 @@ class FusionService(Service[FusionSettings]):
     def __init__(self, settings: FusionSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
         self.area = _area_of(settings, site)
-        self.tracker = make_tracker(settings.tracker, AreaView.of(site, self.area), settings.tracker_seed)
+        self.view = AreaView.of(site, self.area)
+        self.tracker = make_tracker(settings.tracker, self.view, settings.tracker_seed)
         self.chunker = Chunker(ChunkerSettings(lateness=settings.camera_lateness, period=period_of(self.tracker.cycle)))
         self._cameras = {camera.id for camera in site.cameras_of(self.area)}
-        self._frames_seen = dict.fromkeys(self._cameras, time.monotonic())
-        self._silent: set[str] = set()
-        self._dropped: Count[str] = Count()
-        """What was dropped so far, by reason, as far as it is exported."""
-        self._chunk = -1
+        self._watch = Watch(
+            health, self._cameras, settings.silent_after, settings.phones_silent_after, time.monotonic()
+        )
+        self._two_places = TwoPlaces(self.view.radio)
+        self._counted: Count[str] = Count()
+        """What was not used since this process began, by reason …"""
+        self._exported: Count[str] = Count()
+        """… and as far as it is exported."""
+        self._known: Count[str] = Count()
+        """What chunker and tracker counted so far, as far as it stands in ``_counted``."""
+        self._chunk, self._people = -1, 0
         self._boundary = threading.Lock()
         """Held while a chunk is consumed, so that a state is always one of a chunk boundary."""
-        self._saved_at, self._saved_chunk = time.monotonic(), -1
-        self._saving: threading.Thread | None = None
+        folder = settings.state_folder
+        file = None if folder is None else folder / f"fusion-{self.area}.json"
+        self._state_file = StateFile(file, settings.state_every, self._snapshot, health)
         self._inbox = bus.inbox()
 
     @classmethod
@@ -108,7 +119,7 @@ class FusionService(Service[FusionSettings]):
             for delivery in self._inbox.receive(timeout=self.TURN):
                 self._take(delivery)
             self._look_after()
-        self._save_last()
+        self._state_file.save_last(self._chunk)
 
     def stop(self) -> None:
         """Wake the loop so that it ends at once."""
@@ -138,21 +149,31 @@ class FusionService(Service[FusionSettings]):
 
     def _take(self, delivery: Delivery[Message]) -> None:
         message, trace = delivery.message, delivery.trace
-        if isinstance(message, RadioScan | MotionBatch) and message.late:
-            self._drop("phone's data marked late")
+        if isinstance(message, RadioScan | MotionBatch):
+            self._watch.phone_spoke(time.monotonic())
+            if message.late:
+                self._counted["phone's data marked late"] += 1
+            elif isinstance(message, RadioScan):
+                self._look_for_a_double(message)
+                self.chunker.add_scan(message, trace.id)
+            else:
+                self.chunker.add_motion(message, trace.id)
         elif isinstance(message, DetectionFrame):
             if message.camera not in self._cameras:
-                self._drop("camera of another area")
+                self._counted["camera of another area"] += 1
                 return
-            self._frames_seen[message.camera] = time.monotonic()
+            self._watch.camera_spoke(message.camera, time.monotonic())
             for closed in self.chunker.add_frame(message, trace.id):
                 self._consume(closed, trace)
-        elif isinstance(message, RadioScan):
-            self.chunker.add_scan(message, trace.id)
-        elif isinstance(message, MotionBatch):
-            self.chunker.add_motion(message, trace.id)
         elif isinstance(message, Erasure):
+            self._two_places.forget(message.device)
             self.chunker.add_erasure(message, trace.id)
+
+    def _look_for_a_double(self, scan: RadioScan) -> None:
+        """Count a device that is heard in two places; the tracker gets its scans all the same and is not sure."""
+        if self._two_places.contradicts(scan):
+            self._counted["phone in two places at once"] += 1
+            log.warning("a device is heard in two places at once", device=scan.device)
 
     def _consume(self, closed: Closed, trace: Trace) -> None:
         """Step the tracker; tell first what it consumed, then what came of it."""
@@ -180,89 +201,50 @@ class FusionService(Service[FusionSettings]):
         FROM_DETECTION.observe(max(now - trace.sent, 0.0))
         FROM_CAPTURE.observe(max(now - trace.origin, 0.0))
         CHUNKS.inc()
-        TRACKS.set(len(frame.track))
+        self._people = sum(state != "unseen" for state in frame.state)
+        TRACKS.set(self._people)
 
     def _look_after(self) -> None:
-        """Count what was dropped, tell which cameras are silent, save the state when it is time."""
-        dropped = Count(self.chunker.dropped)
-        dropped.update(self.tracker.ignored())
-        for reason, count in dropped.items():
-            self._drop(reason, count - self._dropped[reason])
-        self._dropped = dropped
-        now = time.monotonic()
-        for camera, seen in self._frames_seen.items():
-            silent = now - seen
-            if silent >= self.settings.silent_after:
-                if camera not in self._silent:
-                    self.health.degraded(
-                        f"camera {camera}", f"no frames from camera {camera} for {silent:.0f} s; is it running?"
-                    )
-                self._silent.add(camera)
-            elif camera in self._silent:
-                self._silent.discard(camera)
-                self.health.well(f"camera {camera}")
-        if now - self._saved_at >= self.settings.state_every:
-            self._save()
-
-    @staticmethod
-    def _drop(reason: str, count: int = 1) -> None:
-        if count:
+        """Count what was not used, tell what is wrong, save the state when it is time."""
+        known = Count(self.chunker.dropped)
+        known.update(self.tracker.ignored())
+        self._counted.update(known - self._known)
+        self._known = known
+        for reason, count in (self._counted - self._exported).items():
             DROPPED.labels(reason).inc(count)
+        self._exported = Count(self._counted)
+        self._watch.look({**self._counted, **_lost_on_the_bus()}, self._people, time.monotonic())
+        self._state_file.save_if_due(self._chunk)
 
     # -- across restarts ---------------------------------------------------------------------------------------------
 
-    @property
-    def _state_file(self) -> Path | None:
-        folder = self.settings.state_folder
-        return None if folder is None else folder / f"fusion-{self.area}.json"
-
-    def _save(self) -> None:
-        """Save the state without holding fusion up; not while it is still being saved."""
-        self._saved_at = time.monotonic()
-        file = self._state_file
-        if file is None or self._chunk == self._saved_chunk or (self._saving and self._saving.is_alive()):
-            return
-        chunk, encode = self._snapshot()
-        self._saving = threading.Thread(target=self._write, args=(file, chunk, encode), name="saving", daemon=True)
-        self._saving.start()
-
-    def _save_last(self) -> None:
-        """Save the state before the process ends."""
-        if self._saving:
-            self._saving.join()
-        self._save()
-        if self._saving:
-            self._saving.join()
-
-    def _write(self, file: Path, chunk: int, encode: Callable[[], bytes]) -> None:
-        """Write the state beside the old one and swap them, so that a crash leaves one whole."""
-        partial = file.with_suffix(".partial")
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            partial.write_bytes(encode())
-            partial.replace(file)
-        except OSError as error:
-            self.health.degraded("state", f"cannot save the state to {file}: {error.strerror}")
-            return
-        self._saved_chunk = chunk
-        self.health.well("state")
-
     def _restore(self) -> None:
-        file = self._state_file
-        if file is None or not file.is_file():
-            return
         try:
-            saved = msgspec.json.decode(file.read_bytes(), type=StateAnswer)
+            saved_bytes = self._state_file.read()
+            if saved_bytes is None:
+                return
+            saved = msgspec.json.decode(saved_bytes, type=StateAnswer)
             if saved.tracker != self.settings.tracker:
                 raise TrackerStateError(f"a state of tracker {saved.tracker!r}, expected {self.settings.tracker!r}")
             self.tracker.restore(msgspec.json.encode(saved.state))
         except (OSError, msgspec.DecodeError, TrackerStateError) as error:
-            log.warning("starting without the saved state", file=str(file), reason=str(error))
+            log.warning("starting without the saved state", reason=str(error))
             return
-        self._chunk = self._saved_chunk = saved.chunk
-        self._dropped = Count(self.tracker.ignored())
+        self._chunk = saved.chunk
+        self._state_file.restored(saved.chunk)
+        self._known = Count(self.tracker.ignored())
         self.chunker.resume_after(saved.chunk)
-        log.info("state restored", file=str(file), chunk=saved.chunk)
+        log.info("state restored", chunk=saved.chunk)
+
+
+def _lost_on_the_bus() -> Count[str]:
+    """Return what did not reach this process's inbox, by reason."""
+    lost: Count[str] = Count()
+    for metric in BUS_DROPPED.collect():
+        for sample in metric.samples:
+            if sample.name.endswith("_total"):
+                lost[sample.labels["reason"]] += int(sample.value)
+    return lost
 
 
 def _area_of(settings: FusionSettings, site: Site) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pydantic import Field
 
+from services.fusion.registry import DEFAULT_TRACKER, TRACKERS
 from shared.settings import ServiceSettings
 
 __all__ = ["FusionSettings"]
@@ -15,11 +16,14 @@ class FusionSettings(ServiceSettings):
     """One process tracks one area."""
 
     area: str = Field("", description="id of the area to track; empty: the site's only area")
-    tracker: str = Field("evidence", description="which tracker runs: evidence, rbmcda, rbmcda-vision or anonymous")
+    tracker: str = Field(DEFAULT_TRACKER, description=f"which tracker runs: {', '.join(sorted(TRACKERS))}")
     tracker_seed: int = Field(0, ge=0, description="seed of the tracker's random generator, where it has one")
     camera_lateness: float = Field(
         0.15, ge=0.0, le=5.0, description="seconds by which the fastest camera may be ahead before others are left out"
     )
     silent_after: float = Field(5.0, gt=0.0, le=3600.0, description="seconds after which a silent camera is a problem")
+    phones_silent_after: float = Field(
+        60.0, gt=0.0, le=3600.0, description="seconds without any phone, while people are tracked, that are a problem"
+    )
     state_folder: Path | None = Field(None, description="where the tracker's state is kept across restarts")
     state_every: float = Field(5.0, gt=0.0, le=3600.0, description="seconds between two saved states")

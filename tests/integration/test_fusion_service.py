@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import unused_port
 from fusion_world import SITE, frame
@@ -25,10 +26,12 @@ from services.fusion.settings import FusionSettings
 from shared.bus import Bus, Delivery, Trace, router
 from shared.keys import Keys
 from shared.messages import ChunkMark, DetectionFrame, Message, MotionBatch, RadioScan, TrackFrame, encode
+from shared.radio import PathLoss
 from shared.runner import Health
 from shared.site import load_site
 
 KEYS = Keys("test-hall")
+POINTS = [f"ap-{number}" for number in range(1, 7)]
 DEADLINE = 20.0
 Start = Callable[..., tuple["subprocess.Popen[str]", int]]
 
@@ -77,6 +80,12 @@ def start(project: Path, site_file: Path) -> Iterator[Start]:
         process.communicate()
 
 
+def radio_model() -> PathLoss:
+    corners = [(0.3, 0.3), (12.0, 0.3), (23.7, 0.3), (23.7, 13.7), (12.0, 13.7), (0.3, 13.7)]
+    positions = np.array([(x, y, 2.8) for x, y in corners])
+    return PathLoss(tuple(POINTS), positions, np.full(6, -40.0), np.full(6, 2.2))
+
+
 class Stage:
     """A camera and a phone that tell of one person walking, and an ear for what fusion makes of it."""
 
@@ -91,6 +100,7 @@ class Stage:
         self._east = bus.publisher(KEYS.detections("east"), DetectionFrame)
         self._radio = bus.publisher(KEYS.radio("phone"), RadioScan)
         self._motion = bus.publisher(KEYS.motion("phone"), MotionBatch)
+        self._radio_model = radio_model()
         self._number = itertools.count()
         self.t0 = time.time()
 
@@ -101,7 +111,8 @@ class Stage:
             t = self.t0 + number / 10
             place = [(6.0 + 0.05 * (number % 200), 7.0)]
             if number % 10 == 5:
-                scan = RadioScan(t=t, device="phone", seq=number, access_point=["ap-1", "ap-2"], rssi=[-60.0, -62.0])
+                rssi = self._radio_model.rssi(np.array(place))[0].tolist()
+                scan = RadioScan(t=t, device="phone", seq=number, access_point=POINTS, rssi=rssi)
                 self._note(self._radio.publish(scan), scan)
                 batch = MotionBatch(t=t, t_start=t - 1.0, device="phone", seq=number, activity="still")
                 self._note(self._motion.publish(batch), batch)
@@ -271,6 +282,34 @@ def test_ids_survive_a_restart(zenoh_router: str, start: Start, tmp_path: Path) 
         start(zenoh_router, *flags)
         after = stage.until_tracked(beyond=len(stage.tracks()))
         assert after.track == before.track
+
+
+def test_ids_and_names_survive_a_kill(zenoh_router: str, start: Start, tmp_path: Path) -> None:
+    state = tmp_path / "fusion-hall.json"
+    flags = ("--area", "hall", "--state-folder", str(tmp_path), "--state-every", "0.2")
+    process, _ = start(zenoh_router, *flags)
+    with Bus([zenoh_router]) as bus:
+        stage = Stage(bus)
+        before = wait_until(lambda: named(stage), DEADLINE, "a named person")
+        wait_until(lambda: saved_chunk(state) >= before.chunk, DEADLINE, "a saved state that knows the name")
+        process.kill()
+        process.wait()
+        start(zenoh_router, *flags)
+        # The first frame told by the new process: its phone has told nothing anew.
+        seen = len(stage.tracks())
+        after = stage.until_tracked(beyond=seen)
+        assert after.chunk > before.chunk
+        assert (after.track, after.device) == (before.track, ["phone"])
+
+
+def named(stage: Stage) -> TrackFrame | None:
+    stage.play(1)
+    frames = stage.tracks()
+    return frames[-1] if frames and frames[-1].device == ["phone"] else None
+
+
+def saved_chunk(file: Path) -> int:
+    return int(json.loads(file.read_bytes())["chunk"]) if file.is_file() else -1
 
 
 def test_a_damaged_state_file_is_left_aside(zenoh_router: str, start: Start, tmp_path: Path) -> None:

@@ -4,12 +4,18 @@ import random
 from pathlib import Path
 
 import pytest
+from fusion_world import SITE
 from mcap.reader import make_reader
 
 from services.cli.recording import Recording, RecordingError, RecordingWriter
+from services.cli.replay import verify
+from services.fusion.area_view import AreaView
+from services.fusion.registry import make_tracker
+from services.fusion.tracker import Chunk
 from shared.bus import Trace
 from shared.keys import Keys
-from shared.messages import ChunkMark, DetectionFrame, RadioScan, TrackFrame, encode
+from shared.messages import ChunkMark, DetectionFrame, RadioScan, Revision, TrackFrame, encode
+from shared.site import load_site
 
 KEYS = Keys("test")
 
@@ -132,3 +138,22 @@ def test_other_files_are_refused_by_name(tmp_path: Path, content: bytes) -> None
         Recording(path)
     with pytest.raises(RecordingError, match=r"missing\.mcap"):
         Recording(tmp_path / "missing.mcap")
+
+
+def test_verifying_compares_revisions_too(tmp_path: Path) -> None:
+    (tmp_path / "site.yaml").write_text(SITE)
+    site = load_site(tmp_path / "site.yaml")
+    keys = Keys(site.site)
+    tracker = make_tracker("anonymous", AreaView.of(site, "hall"))
+    told = tracker.step(Chunk(15, 1.0, 16 / 15))
+    mark = ChunkMark(t=1.0, area="hall", chunk=15, t_start=1.0, t_end=16 / 15)
+    for invented in (False, True):
+        path = tmp_path / f"{invented}.mcap"
+        with RecordingWriter(path, site.site, tmp_path / "site.yaml") as writer:
+            writer.write(keys.chunks("hall"), mark, Trace("1-1", 0.0, 1.0))
+            writer.write(keys.tracks("hall"), told, Trace("1-2", 0.0, 1.1))
+            if invented:  # this tracker never revises anything
+                revision = Revision(t=1.0, area="hall", chunk=15, tracker="anonymous", device=["d"], since=[0.0])
+                writer.write(keys.revisions("hall"), revision, Trace("1-3", 0.0, 1.2))
+        (verdict,) = verify(Recording(path), site)
+        assert (verdict.revisions, verdict.identical) == (int(invented), not invented)

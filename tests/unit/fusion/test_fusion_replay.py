@@ -7,10 +7,11 @@ import pytest
 from fusion_world import World, make_site
 
 from services.fusion.area_view import AreaView
-from services.fusion.registry import make_tracker
-from services.fusion.replay import StateAnswer, chunk_of, replay_tracks
+from services.fusion.evidence.tracker import AnonymousTracker
+from services.fusion.registry import TRACKERS, make_tracker
+from services.fusion.replay import StateAnswer, chunk_of, replay_steps, replay_tracks
 from services.fusion.tracker import Chunk, TrackerStateError
-from shared.messages import ChunkMark, Message, encode
+from shared.messages import ChunkMark, Message, Revision, encode
 from shared.site import Site
 
 
@@ -62,3 +63,18 @@ def test_a_state_that_does_not_fit_is_an_error_in_words(site: Site) -> None:
     state = msgspec.json.encode(StateAnswer(chunk=5, tracker="evidence", state={"tracker": "evidence"}))
     with pytest.raises(TrackerStateError, match="evidence"):
         list(replay_tracks([], site, "hall", state))
+
+
+def test_revisions_are_computed_anew_as_well(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Reviser(AnonymousTracker):
+        name = "reviser"
+
+        def revision(self) -> Revision | None:
+            chunk = self.positions.tracks.ids.size
+            return Revision(t=1.0, area="hall", chunk=chunk, tracker=self.name) if chunk else None
+
+    monkeypatch.setitem(TRACKERS, "reviser", lambda view, seed: Reviser(view))
+    chunks = World(site, seconds=2.0).chunks()
+    steps = list(replay_steps(recorded(chunks), site, "hall", tracker="reviser"))
+    assert [frame.chunk for frame, _ in steps] == [one.index for one in chunks]
+    assert sum(revision is not None for _, revision in steps) > 10

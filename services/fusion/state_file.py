@@ -1,0 +1,91 @@
+"""Where the tracker's state is kept across restarts: one file, swapped whole, written beside the running tracker."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from shared.runner import Health
+
+__all__ = ["StateFile"]
+
+Snapshot = Callable[[], tuple[int, Callable[[], bytes]]]
+"""Copies the state; returns the chunk it is of and what encodes the copy, in any thread."""
+
+
+class StateFile:
+    """The saved state of one tracker.
+
+    Args:
+        file: where it lies; None keeps nothing.
+        every: seconds between two saved states.
+        snapshot: takes the state.
+        health: told when it cannot be saved.
+    """
+
+    def __init__(self, file: Path | None, every: float, snapshot: Snapshot, health: Health) -> None:
+        self._file = file
+        self._every = every
+        self._snapshot = snapshot
+        self._health = health
+        self._saved_at, self._saved_chunk = time.monotonic(), -1
+        self._saving: threading.Thread | None = None
+
+    def read(self) -> bytes | None:
+        """Return what was saved last; None where nothing was.
+
+        Raises:
+            OSError: the file cannot be read.
+        """
+        if self._file is None or not self._file.is_file():
+            return None
+        return self._file.read_bytes()
+
+    def restored(self, chunk: int) -> None:
+        """Note that what was read is in use."""
+        self._saved_chunk = chunk
+
+    def save_if_due(self, chunk: int) -> None:
+        """Save the state when it is time and anything happened, without waiting; not while it is still being saved."""
+        if time.monotonic() - self._saved_at >= self._every:
+            self._save(chunk)
+
+    def save_last(self, chunk: int) -> None:
+        """Save the state before the process ends."""
+        if self._saving:
+            self._saving.join()
+        self._save(chunk)
+        if self._saving:
+            self._saving.join()
+
+    def _save(self, chunk: int) -> None:
+        self._saved_at = time.monotonic()
+        if self._file is None or chunk == self._saved_chunk or (self._saving and self._saving.is_alive()):
+            return
+        taken, encode = self._snapshot()
+        arguments = (self._file, taken, encode)
+        self._saving = threading.Thread(target=self._write, args=arguments, name="saving", daemon=True)
+        self._saving.start()
+
+    def _write(self, file: Path, chunk: int, encode: Callable[[], bytes]) -> None:
+        """Write the state beside the old one and swap them, so that a kill or a power cut leaves one whole."""
+        partial = file.with_suffix(".partial")
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with partial.open("wb") as stream:
+                stream.write(encode())
+                stream.flush()
+                os.fsync(stream.fileno())
+            partial.replace(file)
+        except OSError as error:
+            self._health.degraded(
+                "state",
+                f"cannot save the tracker's state to {file}: {error.strerror}; after a restart everybody would be "
+                "numbered and named anew: make room, or let the service write there",
+            )
+            return
+        self._saved_chunk = chunk
+        self._health.well("state")
