@@ -257,7 +257,8 @@ class Obstacles:
 
 def straight_pieces(lines: BaseGeometry) -> Array:
     """Return (s, 2, 2) the longest straight pieces of lines, cut where they cross or meet."""
-    joined = shapely.simplify(shapely.line_merge(shapely.union_all([lines])), 1e-9)
+    # On a grid: pieces shorter than a micrometre would be corners of their own.
+    joined = shapely.simplify(shapely.line_merge(shapely.union_all([lines], grid_size=1e-6)), 1e-6)
     parts = [shapely.get_coordinates(part) for part in shapely.get_parts(joined)]
     pieces = [np.stack([line[:-1], line[1:]], axis=1) for line in parts if len(line) > 1]
     return np.concatenate(pieces) if pieces else np.zeros((0, 2, 2))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import shapely
@@ -35,7 +37,7 @@ def push(obstacles: Obstacles, *places: tuple[float, float]) -> Array:
 def test_a_wall_pushes_the_same_in_how_many_pieces_it_was_drawn(pieces: int) -> None:
     whole = Obstacles.build(walls=shapely.LineString([(0, 0), (10, 0)]))
     cuts = np.linspace(0, 10, pieces + 1)
-    apart = shapely.MultiLineString([[(a, 0), (b, 0)] for a, b in zip(cuts[:-1], cuts[1:], strict=True)])
+    apart = shapely.MultiLineString([[(a, 0), (b, 0)] for a, b in pairwise(cuts)])
     bent = shapely.LineString([(x, 1e-4 * (i % 2)) for i, x in enumerate(cuts)])
     places = (3.3, 0.1), (5.0, 0.5), (2.0, 1.5)
     expected = push(whole, *places)
