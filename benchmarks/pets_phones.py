@@ -1,0 +1,77 @@
+"""How well are phones found among the people of a real clip, when all nineteen carry one?
+
+Run it with ``atrium bench pets-phones``.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from rich.progress import Progress
+
+from benchmarks.experiment import Experiment, Figures, Options
+from benchmarks.pets_detections import ORIGIN, load_detections
+from benchmarks.pets_truth import FRAMES, FRAMES_PER_S, PetsTruth
+from benchmarks.phone_folds import POINTS, Case, Split, draw_curves, measure
+from benchmarks.phones_on_tracks import Recording, phones_on, ring_of, with_site_points
+from services.cli.demo import find_site
+from shared.site import load_site
+
+__all__ = ["EXPERIMENT", "main", "pets_recording", "pets_whole"]
+
+CORNERS = ((-20.0, -16.0), (8.0, 8.0))
+"""The access points hang on the edges of this rectangle, metres."""
+
+
+def pets_recording(points: int = POINTS[0], data: Path | None = None) -> Recording:
+    """Return the clip's public detections and true positions, with so many access points around the crossing."""
+    site = load_site(find_site("pets09"))
+    if points != len(site.access_points):
+        site = with_site_points(site, ring_of(site.areas[0].floor, *CORNERS, points, 3.0))
+    truth = PetsTruth.load(data)
+    people = np.unique(truth.person)
+    position = np.full((FRAMES, len(people), 2), np.nan)
+    position[truth.frame, np.searchsorted(people, truth.person)] = truth.position
+    return Recording(
+        site=site,
+        area=site.areas[0].id,
+        frames=load_detections(site, data),
+        t=ORIGIN + np.arange(FRAMES) / FRAMES_PER_S,
+        person=[str(person) for person in people],
+        position=position,
+    )
+
+
+def pets_whole(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[Split]:
+    """Return the whole clip with a phone on everybody."""
+    recording = pets_recording(points)
+    return [Split(phones_on(recording, recording.person, seed, every=every), ORIGIN)]
+
+
+def run(options: Options, progress: Progress) -> Figures:
+    """Score the shipped tracker and plainer methods."""
+    figures = measure(Case.all(pets_whole), options, progress)
+    draw_curves(figures, "PETS 2009 S2.L1, phones on all 19 people", options.picture)
+    return figures
+
+
+EXPERIMENT = Experiment(
+    name="pets-phones",
+    question="How well are phones found among the people of a real clip, when all nineteen carry one?",
+    kind="recording",
+    scenario="pets09-s2l1",
+    seed=100,
+    run=run,
+    picture="F1 of located trajectories against access points and against the time between scans",
+)
+
+
+def main() -> int:
+    """Run, print, write."""
+    return EXPERIMENT.main()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,176 @@
+"""Score trackers on emulated phones: the part that the experiments with emulated phones have in common.
+
+A ``Split`` says what is run, from when and for whom it counts, and whose phones, in another span of time of the same
+radio world, teach a warmed-up site beforehand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from rich.progress import Progress
+
+from benchmarks.experiment import Options, in_parallel
+from benchmarks.fusion_run import FusionRun, run_fusion
+from benchmarks.phone_scores import PhoneScore, followed, score_phones
+from benchmarks.phones_on_tracks import without_motion
+from benchmarks.revised import said_later, said_live
+from benchmarks.world_record import Truth, WorldRecord
+from services.fusion.area_view import AreaView
+from services.fusion.registry import DEFAULT_TRACKER, TRACKERS
+
+__all__ = ["EVERY", "LAG", "POINTS", "Case", "Scores", "Split", "Splits", "draw_curves", "measure", "score_run"]
+
+LAG = 5.0
+"""Seconds for which fusion may think again."""
+SEEDS = 3
+"""Phone seeds of one run of an experiment: the one asked for and those after it."""
+POINTS = (6, 3, 12)
+EVERY = (1.0, 5.0, 30.0)
+"""Access points, and seconds between scans; the first is the usual one."""
+
+Scores = Mapping[str, PhoneScore]
+"""By ``live`` and ``5s``."""
+
+
+@dataclass(frozen=True)
+class Split:
+    """One run and its teachers.
+
+    Attributes:
+        test: the span of time that is run; it may begin a little before ``start``, so that nobody begins cold.
+        start: from when scores count, seconds since the epoch.
+        devices: whose scores count; None: all.
+        teach: the teachers' span of time, with the teachers' phones alone; None where nobody teaches.
+    """
+
+    test: WorldRecord
+    start: float
+    devices: Sequence[str] | None = None
+    teach: WorldRecord | None = None
+
+
+Splits = Callable[[int, int, float], Sequence[Split]]
+"""A function of a module: phone seed, access points, seconds between scans → the runs that are scored together."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is varied: access points, seconds between scans, whether phones tell of their steps, the tracker."""
+
+    splits: Splits
+    points: int = POINTS[0]
+    every: float = EVERY[0]
+    motion: bool = True
+    tracker: str = DEFAULT_TRACKER
+
+    @classmethod
+    def all(cls, whole: Splits) -> dict[str, Case]:
+        """Return all cases of an experiment by the ends of their figures' names."""
+        cases = {"new": cls(whole), "new_radio": cls(whole, motion=False)}
+        cases |= {f"new_points_{count}": cls(whole, points=count) for count in POINTS[1:]}
+        cases |= {f"new_every_{every:g}": cls(whole, every=every) for every in EVERY[1:]}
+        if "rbmcda" in TRACKERS:
+            cases["new_rbmcda"] = cls(whole, tracker="rbmcda")
+        return cases
+
+
+def measure(cases: Mapping[str, Case], options: Options, progress: Progress) -> dict[str, float | None]:
+    """Return the figures of all cases, three phone seeds each; those of "new" and "warm" in full."""
+    seeds = range(options.seed, options.seed + SEEDS)
+    cells = [(case, seed) for case in cases.values() for seed in seeds]
+    scored = in_parallel(score_case, cells, options.jobs, progress)
+    figures: dict[str, float | None] = {}
+    for number, name in enumerate(cases):
+        whole = _figures(scored[number * SEEDS : (number + 1) * SEEDS], name)
+        kept = ("idf1_live", "idf1_5s", "precision_5s", "recall_5s")
+        short = {f"{kind}_{name}": whole[f"{kind}_{name}"] for kind in kept}
+        figures |= whole if name in ("new", "warm") else short
+    return figures
+
+
+def score_case(case: Case, seed: int) -> Scores:
+    """Score one case with one phone seed."""
+    scores = []
+    for split in case.splits(seed, case.points, case.every):
+        test = split.test if case.motion else without_motion(split.test)
+        scores.append(score_run(test, tracker=case.tracker, start=split.start, devices=split.devices)[0])
+    return _together(scores)
+
+
+def score_run(
+    record: WorldRecord,
+    *,
+    tracker: str = DEFAULT_TRACKER,
+    view: AreaView | None = None,
+    start: float | None = None,
+    devices: Sequence[str] | None = None,
+) -> tuple[Scores, FusionRun]:
+    """Run a tracker over a record and score it, live and after ``LAG`` seconds of revision.
+
+    Args:
+        record: what its sensors said.
+        tracker: its name.
+        view: what it knows beforehand; None: the site file.
+        start: from when scores count; None: from the beginning.
+        devices: whose scores count; None: all.
+    """
+    run = run_fusion(record, tracker, view=view)
+    truth = record.truth
+    if start is not None:
+        kept = truth.t >= start
+        truth = Truth(truth.t[kept], truth.person, truth.device, truth.position[kept], truth.in_view[kept])
+    whom = followed(truth, run.frames)
+    said = {"live": said_live(truth, run.frames), "5s": said_later(truth, run.frames, run.revisions, LAG)}
+    return {name: score_phones(truth, whom, one, devices) for name, one in said.items()}, run
+
+
+def _together(scores: Sequence[Scores]) -> Scores:
+    return {name: PhoneScore.together([one[name] for one in scores]) for name in ("live", "5s")}
+
+
+def _figures(runs: Sequence[Scores], name: str) -> dict[str, float | None]:
+    """Return the figures of all runs together, ``idf1_live_NAME`` and so on, and the least and most IDF1 of a run.
+
+    The time to the first right name is of what was said live: it has no other form.
+    """
+    whole = _together(runs)
+    figures = whole["live"].figures(f"live_{name}") | whole["5s"].figures(f"5s_{name}")
+    for part in ("seconds_to_identify", "seconds_to_identify_p90", "never_identified"):
+        figures[f"{part}_{name}"] = figures.pop(f"{part}_live_{name}")
+        del figures[f"{part}_5s_{name}"]
+    for said in ("live", "5s"):
+        each = np.array([run[said].f1 for run in runs])
+        figures |= {f"idf1_{said}_{name}_least": float(each.min()), f"idf1_{said}_{name}_most": float(each.max())}
+    return figures
+
+
+def draw_curves(figures: Mapping[str, float | None], title: str, path: Path) -> None:
+    """Write the figure as PNG: F1 of located trajectories against access points and against the time between scans."""
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    picture, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True)
+    for color, site in enumerate(("new", "warm")):
+        for line, said in (("--", "live"), ("-", "5s")):
+            label = f"{'as found' if site == 'new' else 'warmed up'}, {'live' if said == 'live' else 'after 5 s'}"
+            for axes, kind, values in ((left, "points", POINTS), (right, "every", EVERY)):
+                names = [site if value == values[0] else f"{site}_{kind}_{value:g}" for value in values]
+                known = [
+                    (value, figures[f"idf1_{said}_{name}"])
+                    for value, name in sorted(zip(values, names, strict=True))
+                    if f"idf1_{said}_{name}" in figures
+                ]
+                axes.plot(*zip(*known, strict=True), f"o{line}", color=f"C{color}", label=label) if known else None
+    left.set(xlabel="access points", ylabel="F1 of located trajectories", ylim=(0.0, 1.0), xticks=sorted(POINTS))
+    right.set(xlabel="seconds between scans", xscale="log", xticks=EVERY, xticklabels=[f"{s:g}" for s in EVERY])
+    left.legend(frameon=False, loc="lower right")
+    picture.suptitle(title)
+    picture.tight_layout()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    picture.savefig(path, dpi=90)
+    plt.close(picture)

@@ -1,0 +1,198 @@
+"""How well were phones found among anonymous people? Located trajectories, names per second, time to the first name.
+
+*Located*: F1 of where a device was said to be against where its carrier was, label fixed, within 1 m, over the times of
+the truth (IDF1 with the matching given). A place told of a device no camera saw counts in view only, and only where it
+claims to be that exact (its own standard deviation is within the gate). *Names*: once a second; who a track is, is the
+person matched to it most often within a second before and after, so that a track that passes through another is judged
+by whom it follows. A name on a track that follows nobody is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from benchmarks.identity_metrics import NOBODY
+from benchmarks.revised import UNSEEN, Said
+from benchmarks.track_reading import newest_frames
+from benchmarks.tracking_metrics import GATE
+from benchmarks.world_record import Truth
+from shared.messages import TrackFrame, positions
+
+__all__ = ["Followed", "PhoneScore", "followed", "score_phones"]
+
+Array = NDArray[np.float64]
+
+AROUND = 1.0
+"""Seconds before and after in which the person a track follows is counted."""
+SECOND = 1.0
+PAUSE = 2.0
+"""Seconds; somebody out of view for no longer has not left."""
+
+
+@dataclass(frozen=True)
+class Followed:
+    """Whom each track follows: rows of one time (by place in the truth's times), track and person, sorted by track.
+
+    Attributes:
+        track, row, person: (r,) integers; ``person`` is a place in ``truth.person`` or ``NOBODY``.
+        t: (n,), the truth's times.
+    """
+
+    track: NDArray[np.int64]
+    row: NDArray[np.int64]
+    person: NDArray[np.int64]
+    t: Array
+
+    def whom(self, track: int, row: int) -> int:
+        """Return the person whom a track follows most of the time around ``row``; ``NOBODY`` where nobody."""
+        low, high = np.searchsorted(self.track, [track, track + 1])
+        near = np.abs(self.t[self.row[low:high]] - self.t[row]) <= AROUND
+        people = self.person[low:high][near]
+        if not len(people):
+            return NOBODY
+        ids, counts = np.unique(people, return_counts=True)
+        return int(ids[np.argmax(counts)])
+
+
+def followed(truth: Truth, frames: Sequence[TrackFrame], gate: float = GATE) -> Followed:
+    """Match tracks and people at each time one to one: most pairs within ``gate`` metres, then the shortest."""
+    rows: list[tuple[int, int, int]] = []
+    known = np.asarray(np.all(np.isfinite(truth.position), axis=2))
+    for row, newest in enumerate(newest_frames(truth.t, frames)):
+        if newest < 0:
+            continue
+        frame = frames[newest]
+        people = np.flatnonzero(known[row])
+        apart: Array = np.linalg.norm(positions(frame)[:, None] - truth.position[row, people][None], axis=2)
+        tracks, matched = linear_sum_assignment(np.where(apart <= gate, apart, 1e3 * gate * (1 + len(people))))
+        whom = np.full(len(frame.track), NOBODY)
+        inside = apart[tracks, matched] <= gate
+        whom[tracks[inside]] = people[matched[inside]]
+        rows += [
+            (track, row, person)
+            for track, person, state in zip(frame.track, whom.tolist(), frame.state, strict=True)
+            if state != "unseen"
+        ]
+    table = np.array(rows, np.int64).reshape(-1, 3)
+    table = table[np.lexsort((table[:, 1], table[:, 0]))]
+    return Followed(table[:, 0], table[:, 1], table[:, 2], truth.t)
+
+
+@dataclass(frozen=True)
+class PhoneScore:
+    """Counts of k devices, and what is pooled over them.
+
+    Attributes:
+        found, claimed, present: (k,), times at which the device was said to be within the gate of its carrier, was said
+            to be anywhere, and its carrier was in view.
+        right, named, right_seen, seen: (k,), seconds with a right name, with any, with a right one while the carrier
+            was in view, and in view.
+        error: (e,) metres, at times in view at which a place was told.
+        first: (s,) seconds from the beginning of each stay in view to the first right name; infinite for none.
+    """
+
+    found: NDArray[np.int64]
+    claimed: NDArray[np.int64]
+    present: NDArray[np.int64]
+    right: NDArray[np.int64]
+    named: NDArray[np.int64]
+    right_seen: NDArray[np.int64]
+    seen: NDArray[np.int64]
+    error: Array
+    first: Array
+
+    @classmethod
+    def together(cls, scores: Sequence[PhoneScore]) -> PhoneScore:
+        """Return the scores of several runs as one."""
+        return cls(*(np.concatenate([getattr(score, part.name) for score in scores]) for part in fields(cls)))
+
+    @property
+    def f1(self) -> float:
+        """Of located trajectories, all devices together; NaN where nobody was in view."""
+        whole = int(self.claimed.sum() + self.present.sum())
+        return 2.0 * int(self.found.sum()) / whole if whole else float("nan")
+
+    def figures(self, suffix: str) -> dict[str, float | None]:
+        """Return the figures by name, each with the suffix."""
+        median, p90 = np.percentile(self.error, [50, 90]) if len(self.error) else (np.nan, np.nan)
+        first = np.percentile(self.first, [50, 90], method="inverted_cdf") if len(self.first) else [np.nan, np.nan]
+        values = {
+            "idf1": self.f1,
+            "precision": _share(self.right, self.named),
+            "recall": _share(self.right_seen, self.seen),
+            "error_p50": float(median),
+            "error_p90": float(p90),
+            "seconds_to_identify": float(first[0]),
+            "seconds_to_identify_p90": float(first[1]),
+            "never_identified": float(np.isinf(self.first).mean()) if len(self.first) else float("nan"),
+        }
+        return {f"{name}_{suffix}": value if np.isfinite(value) else None for name, value in values.items()}
+
+
+def score_phones(
+    truth: Truth, whom: Followed, said: Said, devices: Sequence[str] | None = None, gate: float = GATE
+) -> PhoneScore:
+    """Score what was said of each carrier's device.
+
+    Args:
+        truth: of the same times as ``said``.
+        whom: whom the tracks follow.
+        said: live or later.
+        devices: only these count; None: all.
+        gate: metres.
+    """
+    carriers = [
+        (column, place)
+        for column, place in enumerate(truth.carriers())
+        if devices is None or truth.device[place] in devices
+    ]
+    columns = np.array([column for column, _ in carriers], np.int64)
+    people = np.array([place for _, place in carriers], np.int64)
+    in_view = truth.in_view[:, people]
+    off: Array = np.linalg.norm(said.position[:, columns] - truth.position[:, people], axis=2)
+    track, sigma = said.track[:, columns], said.sigma[:, columns]
+    claimed = (track > UNSEEN) | ((track == UNSEEN) & in_view & (sigma <= gate))
+    found = claimed & in_view & (off <= gate)  # NaN is not near
+    named = track > UNSEEN
+    right = np.zeros(named.shape, bool)
+    for row, column in zip(*np.nonzero(named), strict=True):
+        right[row, column] = whom.whom(int(track[row, column]), int(row)) == people[column]
+    seconds = np.unique(np.searchsorted(truth.t, np.arange(truth.t[0], truth.t[-1] + 1e-6, SECOND) - 1e-6))
+    seconds = seconds[seconds < len(truth.t)]
+    first = [
+        _first(truth.t[begin : end + 1], right[begin : end + 1, column])
+        for column in range(len(carriers))
+        for begin, end in _stays(truth.t, in_view[:, column])
+    ]
+    told = in_view & np.isfinite(off)
+    return PhoneScore(
+        found=found.sum(axis=0),
+        claimed=claimed.sum(axis=0),
+        present=in_view.sum(axis=0),
+        right=right[seconds].sum(axis=0),
+        named=named[seconds].sum(axis=0),
+        right_seen=(right & in_view)[seconds].sum(axis=0),
+        seen=in_view[seconds].sum(axis=0),
+        error=off[told],
+        first=np.array(first, float),
+    )
+
+
+def _stays(t: Array, in_view: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the first and last place of each time in view, pauses of up to ``PAUSE`` seconds bridged."""
+    seen = np.flatnonzero(in_view)
+    pieces = np.split(seen, np.flatnonzero(np.diff(t[seen]) > PAUSE) + 1)
+    return [(int(piece[0]), int(piece[-1])) for piece in pieces if len(piece)]
+
+
+def _first(t: Array, right: NDArray[np.bool_]) -> float:
+    return float(t[np.argmax(right)] - t[0]) if right.any() else np.inf
+
+
+def _share(part: NDArray[np.int64], whole: NDArray[np.int64]) -> float:
+    return float(part.sum() / whole.sum()) if whole.sum() else float("nan")
