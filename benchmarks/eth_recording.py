@@ -114,13 +114,14 @@ def _detections(position: Array, t: Array) -> list[DetectionFrame]:
     begin = 1.0 / (MISS_TIME * FRAMES_PER_S)
     begin, end = begin * MISSED / (1.0 - MISSED), begin
     error = rng.normal(0.0, ERROR_SIGMA, (count, 2))
-    missed = np.less(rng.random(count), MISSED)
+    missed: NDArray[np.bool_] = np.asarray(rng.random(count) < MISSED)
     covariance = (ERROR_SIGMA**2 + WHITE_SIGMA**2, 0.0, ERROR_SIGMA**2 + WHITE_SIGMA**2)
     low, high = np.array(LOW), np.array(HIGH)
     frames = []
     for number, when in enumerate(t.tolist()):
         error = kept * error + math.sqrt(1.0 - kept**2) * rng.normal(0.0, ERROR_SIGMA, (count, 2))
-        missed = np.where(missed, np.greater_equal(rng.random(count), end), np.less(rng.random(count), begin))
+        draw = rng.random((2, count))
+        missed = np.asarray((missed & (draw[0] >= end)) | (~missed & (draw[1] < begin)))
         white = rng.normal(0.0, WHITE_SIGMA, (count, 2))
         seen = np.isfinite(position[number, :, 0]) & ~missed
         false = rng.uniform(low, high, (rng.poisson(FALSE), 2))
