@@ -125,7 +125,11 @@ def score_run(
         kept = truth.t >= start
         truth = Truth(truth.t[kept], truth.person, truth.device, truth.position[kept], truth.in_view[kept])
     whom = followed(truth, run.frames)
-    said = {"live": said_live(truth, run.frames), "5s": said_later(truth, run.frames, run.revisions, LAG)}
+    carried = [truth.device[place] or "" for place in truth.carriers()]
+    said = {
+        "live": said_live(truth.t, carried, run.frames),
+        "5s": said_later(truth.t, carried, run.frames, run.revisions, LAG),
+    }
     return {name: score_phones(truth, whom, one, devices) for name, one in said.items()}, run
 
 

@@ -2,6 +2,21 @@
 
 from shared.radio.likelihood import RadioNoise, log_likelihood
 from shared.radio.path_loss import PathLoss
+from shared.radio.radio_learning import RadioLearner, RadioPrior, device_offsets, novelty
+from shared.radio.radio_model import RadioModel, RadioModelError, read_radio_model, write_radio_model
 from shared.radio.shadowing_map import ShadowingMap
 
-__all__ = ["PathLoss", "RadioNoise", "ShadowingMap", "log_likelihood"]
+__all__ = [
+    "PathLoss",
+    "RadioLearner",
+    "RadioModel",
+    "RadioModelError",
+    "RadioNoise",
+    "RadioPrior",
+    "ShadowingMap",
+    "device_offsets",
+    "log_likelihood",
+    "novelty",
+    "read_radio_model",
+    "write_radio_model",
+]

@@ -1,0 +1,100 @@
+"""What would a site's own running teach it about its radio? A model learned from published tracks, without truth.
+
+Every scan of a device whose track bore its name when fusion had thought it over is a reading at a known place. The
+tracker runs over the same time again with what was learned, names a few more tracks right, and teaches again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.fusion_run import FusionRun, run_fusion
+from benchmarks.revised import UNSEEN, said_later
+from benchmarks.world_record import WorldRecord
+from services.fusion.area_view import AreaView
+from services.fusion.registry import DEFAULT_TRACKER
+from shared.messages import RadioScan
+from shared.radio import RadioLearner, RadioModel, RadioPrior, device_offsets, novelty
+
+__all__ = ["PRIOR", "learn_from_run", "train_radio", "warmed_up"]
+
+Array = NDArray[np.float64]
+
+PRIOR = RadioPrior()
+ROUNDS = 3
+LAG = 5.0
+"""Seconds for which a name may still be revised before it teaches."""
+SURE = 0.8
+"""Probability from which a name teaches."""
+FEWEST = 4
+"""Scans along one track; fewer teach nothing, because too often the name was a guess."""
+
+
+def warmed_up(view: AreaView, model: RadioModel) -> AreaView:
+    """Return the view with what was learned of its radio."""
+    return dataclasses.replace(view, radio=model.path_loss, shadowing=model.shadowing)
+
+
+def train_radio(record: WorldRecord, tracker: str = DEFAULT_TRACKER, rounds: int = ROUNDS) -> RadioModel:
+    """Return the model that a tracker's own tracks teach, after running over the same record ``rounds`` times."""
+    view = fresh = AreaView.of(record.site, record.area)
+    model = RadioLearner.over(fresh.radio, fresh.lower, fresh.upper, prior=PRIOR).solve(record.site.site)
+    for _ in range(rounds):
+        model = learn_from_run(run_fusion(record, tracker, view=view), record.scans, fresh, record.site.site)
+        view = warmed_up(fresh, model)
+    return model
+
+
+def learn_from_run(
+    run: FusionRun, scans: Mapping[str, Sequence[RadioScan]], view: AreaView, site: str, prior: RadioPrior = PRIOR
+) -> RadioModel:
+    """Return the model learned from one run's published tracks and what phones heard meanwhile.
+
+    Args:
+        run: what a tracker published, and revised within ``LAG`` seconds.
+        scans: by device, in order of measurement.
+        view: gives the floor and the first guess of the path loss.
+        site: the site's id.
+        prior: what is believed beforehand.
+    """
+    learner = RadioLearner.over(view.radio, view.lower, view.upper, prior=prior)
+    column = {name: number for number, name in enumerate(view.radio.names)}
+    table: list[Array] = []
+    for number, device in enumerate(sorted(scans)):
+        table += _readings(run, device, scans[device], column, number)
+    if not table:
+        return learner.solve(site)
+    rows = np.array(table)
+    who, point = rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64)
+    places, spread, share = rows[:, 3:5], rows[:, 5], rows[:, 6]
+    residual = rows[:, 2] - view.radio.rssi(places)[np.arange(len(rows)), point]
+    offsets = device_offsets(view.radio, prior, who, places, point, residual, prior.noise(spread) / share)
+    learner.learn(places, spread, point, residual - offsets[who], share)
+    return learner.solve(site)
+
+
+def _readings(
+    run: FusionRun, device: str, scans: Sequence[RadioScan], column: Mapping[str, int], number: int
+) -> list[Array]:
+    """Return rows (device, access point, level, x, y, spread, share) of one device's readings on sure tracks."""
+    if not scans:
+        return []
+    t = np.array([scan.t for scan in scans])
+    said = said_later(t, [device], run.frames, run.revisions, LAG)
+    track, probability = said.track[:, 0], said.probability[:, 0]
+    sure = np.flatnonzero((track > UNSEEN) & (probability >= SURE))
+    ids, counts = np.unique(track[sure], return_counts=True)
+    sure = sure[np.isin(track[sure], ids[counts >= FEWEST])]
+    places, sigma = said.position[sure, 0], said.sigma[sure, 0]
+    share = novelty(places) * probability[sure]
+    rows = []
+    for index, row in enumerate(sure.tolist()):
+        scan = scans[row]
+        for name, level in zip(scan.access_point, scan.rssi, strict=True):
+            if name in column:
+                rows.append(np.array([number, column[name], level, *places[index], sigma[index], share[index]]))
+    return rows
