@@ -25,7 +25,18 @@ from prometheus_client import Counter, Gauge
 from shared.inbox import DROPPED, Delivery, Inbox, Trace
 from shared.messages import Message, encode
 
-__all__ = ["DROPPED", "Bus", "BusError", "BusTimeoutError", "Delivery", "Inbox", "Publisher", "Trace", "router"]
+__all__ = [
+    "DROPPED",
+    "Bus",
+    "BusError",
+    "BusTimeoutError",
+    "Delivery",
+    "Inbox",
+    "Publisher",
+    "Question",
+    "Trace",
+    "router",
+]
 
 M = TypeVar("M", bound=Message)
 
@@ -84,6 +95,20 @@ class Publisher(Generic[M]):
     def close(self) -> None:
         """Withdraw the publisher; for keys that come and go, such as a device's. The bus closes all others itself."""
         self._undeclare()
+
+
+class Question:
+    """A query that carries a payload; it is answered once, from any thread."""
+
+    def __init__(self, key: str, query: zenoh.Query) -> None:
+        self._key = key
+        self._query = query
+        self.payload = b"" if query.payload is None else query.payload.to_bytes()
+
+    def answer(self, payload: bytes) -> None:
+        """Answer in JSON; whoever asked may have given up."""
+        with self._query as query:
+            query.reply(self._key, payload, encoding=zenoh.Encoding.APPLICATION_JSON)
 
 
 class Bus:
@@ -190,9 +215,21 @@ class Bus:
 
         self._declared.append(self._session.declare_queryable(key, reply))
 
-    def ask(self, key: str, timeout: float = 5.0) -> Iterator[tuple[str, bytes]]:
-        """Yield (key, payload) of every answer to a query on ``key``."""
-        for reply in self._session.get(key, timeout=timeout):
+    def answer_questions(self, key: str, take: Callable[[Question], None]) -> None:
+        """Hand queries on ``key`` that say something to ``take``, which must be quick; it may answer later."""
+
+        def receive(query: zenoh.Query) -> None:
+            try:
+                take(Question(key, query))
+            except Exception:
+                log.exception("query not answered", key=key)
+                query.drop()  # type: ignore[no-untyped-call]
+
+        self._declared.append(self._session.declare_queryable(key, receive))
+
+    def ask(self, key: str, timeout: float = 5.0, payload: bytes | None = None) -> Iterator[tuple[str, bytes]]:
+        """Yield (key, payload) of every answer to a query on ``key``, which may carry a ``payload`` of its own."""
+        for reply in self._session.get(key, timeout=timeout, payload=payload):
             if reply.ok is not None:
                 yield str(reply.ok.key_expr), reply.ok.payload.to_bytes()
 

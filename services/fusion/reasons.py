@@ -54,7 +54,7 @@ EXPLANATIONS: dict[str, Explanation] = {
         "two gateways may publish the same phone, or one phone's token is used by two phones",
     ),
     "phone in two places at once": Explanation(
-        3,
+        6,
         "a device is heard here and, a moment later, far away and back again",
         "two phones use one token (a copied app or backup): the log names the device; withdraw it and enrol both anew",
     ),

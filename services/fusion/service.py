@@ -15,8 +15,11 @@ from prometheus_client import Counter, Gauge, Histogram
 from services.fusion.area_view import AreaView
 from services.fusion.chunks import Chunker, ChunkerSettings, Closed, period_of
 from services.fusion.positions.anonymous import MOST_CAMERAS
+from services.fusion.radio_model import RadioModelError, apply_radio_model, read_radio_model
 from services.fusion.registry import TRACKERS, make_tracker
 from services.fusion.replay import StateAnswer
+from services.fusion.rescore.desk import RescoreDesk
+from services.fusion.rescore.recent import RecentChunks
 from services.fusion.settings import FusionSettings
 from services.fusion.state_file import StateFile
 from services.fusion.tracker import TrackerStateError
@@ -57,8 +60,12 @@ class FusionService(Service[FusionSettings]):
     def __init__(self, settings: FusionSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
         self.area = _area_of(settings, site)
-        self.view = AreaView.of(site, self.area)
+        self.view = _view_of(settings, site, self.area)
         self.tracker = make_tracker(settings.tracker, self.view, settings.tracker_seed)
+        self._recent = RecentChunks(60.0 * settings.rescore_minutes, settings.rescore_megabytes * 2**20)
+        self._desk = RescoreDesk(
+            self.view, settings.tracker, settings.tracker_seed, self._recent, settings.rescore_patience
+        )
         self.chunker = Chunker(ChunkerSettings(lateness=settings.camera_lateness, period=period_of(self.tracker.cycle)))
         self._cameras = {camera.id for camera in site.cameras_of(self.area)}
         self._watch = Watch(
@@ -94,6 +101,8 @@ class FusionService(Service[FusionSettings]):
                 f"tracker: {settings.tracker!r} is no tracker; allowed: {', '.join(sorted(TRACKERS))}; "
                 "set it by --tracker or ATRIUM_TRACKER"
             )
+        if settings.radio_model is not None:
+            _view_of(settings, site, area)
 
     @property
     def instance(self) -> str:
@@ -107,6 +116,7 @@ class FusionService(Service[FusionSettings]):
         self._tracks = self.bus.publisher(self.keys.tracks(self.area), TrackFrame)
         self._revisions = self.bus.publisher(self.keys.revisions(self.area), Revision)
         self.bus.answer(self.keys.fusion_state(self.area), self.answer_state)
+        self.bus.answer_questions(self.keys.rescore(self.area), self._desk.take)
         for camera in sorted(self._cameras):
             self._inbox.subscribe(self.keys.detections(camera), DetectionFrame, newest=True)
         self._inbox.subscribe(self.keys.radio(), RadioScan)
@@ -119,6 +129,7 @@ class FusionService(Service[FusionSettings]):
             for delivery in self._inbox.receive(timeout=self.TURN):
                 self._take(delivery)
             self._look_after()
+        self._desk.close()
         self._state_file.save_last(self._chunk)
 
     def stop(self) -> None:
@@ -197,6 +208,7 @@ class FusionService(Service[FusionSettings]):
         revision = self.tracker.revision()
         if revision is not None:
             self._revisions.publish(revision, origin=trace.origin)
+        self._recent.add(chunk)
         now = time.time()
         FROM_DETECTION.observe(max(now - trace.sent, 0.0))
         FROM_CAPTURE.observe(max(now - trace.origin, 0.0))
@@ -235,6 +247,16 @@ class FusionService(Service[FusionSettings]):
         self._known = Count(self.tracker.ignored())
         self.chunker.resume_after(saved.chunk)
         log.info("state restored", chunk=saved.chunk)
+
+
+def _view_of(settings: FusionSettings, site: Site, area: str) -> AreaView:
+    view = AreaView.of(site, area)
+    if settings.radio_model is None:
+        return view
+    try:
+        return apply_radio_model(read_radio_model(settings.radio_model), view)
+    except RadioModelError as error:
+        raise SettingsError(f"radio_model: {error}; set by --radio-model or ATRIUM_RADIO_MODEL") from error
 
 
 def _lost_on_the_bus() -> Count[str]:

@@ -27,3 +27,11 @@ class FusionSettings(ServiceSettings):
     )
     state_folder: Path | None = Field(None, description="where the tracker's state is kept across restarts")
     state_every: float = Field(5.0, gt=0.0, le=3600.0, description="seconds between two saved states")
+    radio_model: Path | None = Field(
+        None, description="trained radio model of the area's floor (JSON), none: untrained"
+    )
+    rescore_minutes: float = Field(
+        5.0, ge=0.0, le=30.0, description="minutes of what was consumed that are kept to try other models on; 0: none"
+    )
+    rescore_megabytes: int = Field(64, ge=1, le=1024, description="and at most so much of it")
+    rescore_patience: float = Field(300.0, gt=0.0, le=3600.0, description="seconds one trial of a model may take")

@@ -8,13 +8,15 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import unused_port
-from fusion_world import SITE, frame
+from fusion_world import SITE, World, frame
 from health_page import get, metric
 from waiting import wait_until
 
@@ -25,7 +27,16 @@ from services.fusion.service import FusionService
 from services.fusion.settings import FusionSettings
 from shared.bus import Bus, Delivery, Trace, router
 from shared.keys import Keys
-from shared.messages import ChunkMark, DetectionFrame, Message, MotionBatch, RadioScan, TrackFrame, encode
+from shared.messages import (
+    ChunkMark,
+    DetectionFrame,
+    Message,
+    MotionBatch,
+    RadioScan,
+    Revision,
+    TrackFrame,
+    encode,
+)
 from shared.radio import PathLoss
 from shared.runner import Health
 from shared.site import load_site
@@ -105,7 +116,7 @@ class Stage:
         self.t0 = time.time()
 
     def play(self, frames: int) -> None:
-        """Send frames of both cameras, two seconds of phone with every fifteenth."""
+        """Send frames of both cameras, and what a phone tells with every tenth of them."""
         for _ in range(frames):
             number = next(self._number)
             t = self.t0 + number / 10
@@ -119,10 +130,24 @@ class Stage:
             for name, publisher in (("west", self._west), ("east", self._east)):
                 seen = frame(t, place, name, number)
                 self._note(publisher.publish(seen, origin=time.time() - 0.05), seen)
-            # At a pace that fusion can follow: of frames sent in a burst it takes the newest only.
-            heard, deadline = len(self.tracks()), time.monotonic() + 0.2
-            while len(self.tracks()) == heard and time.monotonic() < deadline:
-                pass
+            self._until_followed()
+
+    def play_world(self, world: World) -> None:
+        """Send all that one camera and everybody's phone tell in a made-up world."""
+        radio = {str(number): self.bus.publisher(KEYS.radio(str(number)), RadioScan) for number in range(world.people)}
+        scans = deque(world.scans())
+        for seen in world.frames():
+            while scans and scans[0].t + 0.5 <= seen.t:
+                radio[scans[0].device].publish(scans[0])
+                scans.popleft()
+            self._west.publish(seen)
+            self._until_followed()
+
+    def _until_followed(self) -> None:
+        """Wait until fusion has told anything: of frames sent in a burst it takes the newest only."""
+        heard, deadline = len(self.tracks()), time.monotonic() + 0.2
+        while len(self.tracks()) == heard and time.monotonic() < deadline:
+            pass
 
     def _note(self, trace: Trace, message: Message) -> None:
         self.sent[trace.id] = message
@@ -350,6 +375,106 @@ def test_a_silent_camera_is_told_in_plain_words_and_well_again_when_it_speaks(ze
         wait_until(recovered, DEADLINE, "the recovery")
 
 
+def test_a_candidate_model_is_scored_on_the_last_minutes(zenoh_router: str, start: Start, site_file: Path) -> None:
+    _, port = start(zenoh_router, "--area", "hall")
+    with Bus([zenoh_router]) as bus:
+
+        def asked(question: bytes, timeout: float = DEADLINE) -> dict[str, Any]:
+            ((_, answer),) = bus.ask(KEYS.rescore("hall"), timeout, question)
+            told: dict[str, Any] = json.loads(answer)
+            return told
+
+        assert "20 or more" in asked(b"")["error"]
+        assert asked(b'{"kind": "radio", "access_points": {"ap-1": {"power_1m": 9}}}')["error"] == (
+            "access_points.ap-1.power_1m: found 9; allowed: -110 … 0"
+        )
+        stage = Stage(bus)
+        stage.play_world(World(load_site(site_file), seed=5, seconds=36.0, rate=3.0, people=2))
+        spoilt = {name: {"power_1m": -90 if index % 2 else -10} for index, name in enumerate(POINTS)}
+        question = json.dumps({"kind": "radio", "access_points": spoilt}).encode()
+        answers: list[dict[str, Any]] = []
+        asking = [threading.Thread(target=lambda: answers.append(asked(question))) for _ in range(2)]
+        for thread in asking:
+            thread.start()
+        heard = len(stage.tracks())
+        stage.play(5)  # fusion goes on meanwhile
+        assert len(stage.tracks()) > heard
+        for thread in asking:
+            thread.join(2 * DEADLINE)
+        busy, told = sorted(answers, key=len)
+        assert busy == {"error": "busy: another candidate is being tried; ask again later"}
+        assert told["error"] is None
+        assert told["devices"].keys() == {"0", "1"}
+        assert told["active_named"] > 0.5
+        assert told["gain"] < 0.0
+        assert get(port, "/healthz")[0] == 200
+
+
+def test_revisions_are_published(zenoh_router: str, site_file: Path) -> None:
+    class Reviser(AnonymousTracker):
+        def revision(self) -> Revision | None:
+            t = self.positions.t
+            return Revision(t=t, area="hall", chunk=7, tracker=self.name, device=["d"], since=[t - 5.0])
+
+    settings = FusionSettings.model_validate({"site_file": site_file, "area": "hall", "bus": [zenoh_router]})
+    site = load_site(site_file)
+    with Bus([zenoh_router]) as bus, Bus([zenoh_router]) as own:
+        service = FusionService(settings, site, own, Health())
+        service.tracker = Reviser(AreaView.of(site, "hall"))
+        running = threading.Thread(target=service.run)
+        running.start()
+        try:
+            assert service.health.ready.wait(DEADLINE)
+            inbox = bus.inbox()
+            inbox.subscribe(KEYS.revisions("hall"), Revision)
+            stage = Stage(bus)
+
+            def revised() -> list[Delivery[Message]]:
+                stage.play(1)
+                return inbox.receive(timeout=0.0)
+
+            revision = wait_until(revised, DEADLINE, "a revision")[0].message
+            assert isinstance(revision, Revision)
+            assert (revision.area, revision.device) == ("hall", ["d"])
+        finally:
+            service.stop()
+            running.join(DEADLINE)
+
+
+def test_extreme_values_are_survived(zenoh_router: str, start: Start) -> None:
+    process, port = start(zenoh_router, "--area", "hall")
+    with Bus([zenoh_router]) as bus:
+        stage = Stage(bus)
+        before = stage.until_tracked()
+        west = bus.publisher(KEYS.detections("west"), DetectionFrame)
+        radio = bus.publisher(KEYS.radio("wild"), RadioScan)
+        motion = bus.publisher(KEYS.motion("wild"), MotionBatch)
+        for extreme in (1e308, -1e308, 0.0, 1e-308):
+            west.publish(frame(stage.t0, [(extreme, extreme)]))
+            west.publish(frame(extreme, [(1.0, 1.0)]))
+            west.publish(frame(time.time(), [(extreme, 7.0)], sigma=abs(extreme) ** 0.5, confidence=0.0))
+            radio.publish(RadioScan(t=time.time(), device="wild", seq=1, access_point=["ap-1"] * 2, rssi=[extreme] * 2))
+            radio.publish(RadioScan(t=extreme, device="wild", seq=2))
+            motion.publish(
+                MotionBatch(
+                    t=extreme,
+                    t_start=-extreme,
+                    device="wild",
+                    seq=1,
+                    activity="walking",
+                    step_t=[extreme],
+                    length=[extreme],
+                    length_variance=[-extreme],
+                    heading=[extreme],
+                    heading_variance=[extreme],
+                )
+            )
+        after = stage.until_tracked(beyond=len(stage.tracks()))
+        assert after.chunk > before.chunk
+        assert process.poll() is None
+        assert metric(port, "atrium_fusion_dropped_total") > 0
+
+
 def test_what_is_dropped_is_counted_by_reason(zenoh_router: str, start: Start) -> None:
     _, port = start(zenoh_router, "--area", "hall")
     with Bus([zenoh_router]) as bus:
@@ -386,6 +511,7 @@ def test_what_is_dropped_is_counted_by_reason(zenoh_router: str, start: Start) -
         (("--area", "cellar"), "allowed: hall, gallery"),
         ((), "the site has several areas"),
         (("--area", "hall", "--tracker", "magic"), "allowed: anonymous, evidence"),
+        (("--area", "hall", "--radio-model", "/nowhere/radio.json"), "radio_model: /nowhere/radio.json: No such file"),
     ],
 )
 def test_a_wrong_setting_is_one_clear_message(start: Start, flags: tuple[str, ...], words: str) -> None:

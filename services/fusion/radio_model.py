@@ -1,0 +1,129 @@
+"""A trained radio model as it is stored and asked about: corrected access points, a map of what they leave unexplained.
+
+JSON: ``{"format": "atrium-radio/1", "access_points": {ID: {"power_1m": dBm, "path_loss_exponent": n}}, "shadowing":
+{"names": [ID], "origin": [x, y], "cell": metres, "mean": [per name][row][column] dB, "variance": likewise dB²}}``; both
+parts may be left out, and access points that are not named keep what the site file says.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from services.fusion.area_view import AreaView
+from shared.radio import PathLoss, RadioNoise, ShadowingMap
+
+__all__ = ["RadioModel", "RadioModelError", "apply_radio_model", "read_radio_model"]
+
+POWER = (-110.0, 0.0)
+EXPONENT = (1.0, 6.0)
+CELL = (0.1, 10.0)
+LARGEST_MEAN = 60.0
+"""dB."""
+
+
+class RadioModelError(ValueError):
+    """The model cannot be used: the text names the field, the value found and what is allowed."""
+
+
+class _AccessPoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    power_1m: float | None = None
+    path_loss_exponent: float | None = None
+
+
+class _Shadowing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    names: list[str]
+    origin: tuple[float, float]
+    cell: float
+    mean: list[list[list[float]]]
+    variance: list[list[list[float]]]
+
+
+class RadioModel(msgspec.Struct, frozen=True, kw_only=True):
+    """A model as it is stored."""
+
+    format: Literal["atrium-radio/1"] = "atrium-radio/1"
+    access_points: dict[str, _AccessPoint] = {}
+    shadowing: _Shadowing | None = None
+
+
+def read_radio_model(file: Path) -> RadioModel:
+    """Return the model a file holds.
+
+    Raises:
+        RadioModelError: the file cannot be read or is no radio model.
+    """
+    try:
+        return msgspec.json.decode(file.read_bytes(), type=RadioModel)
+    except OSError as error:
+        raise RadioModelError(f"{file}: {error.strerror}") from error
+    except msgspec.DecodeError as error:
+        raise RadioModelError(f"{file}: no radio model (format atrium-radio/1): {error}") from error
+
+
+def apply_radio_model(model: RadioModel, view: AreaView) -> AreaView:
+    """Return the view with its radio as the model says.
+
+    Raises:
+        RadioModelError: naming the field, the value found and what is allowed.
+    """
+    known = view.radio.names
+    power, exponent = view.radio.power_1m.copy(), view.radio.exponent.copy()
+    for name, point in model.access_points.items():
+        where = f"access_points.{name}"
+        if name not in known:
+            raise RadioModelError(f"{where}: no access point of floor {view.floor}; allowed: {', '.join(known)}")
+        index = known.index(name)
+        if point.power_1m is not None:
+            power[index] = _within(f"{where}.power_1m", point.power_1m, POWER)
+        if point.path_loss_exponent is not None:
+            exponent[index] = _within(f"{where}.path_loss_exponent", point.path_loss_exponent, EXPONENT)
+    radio = PathLoss(known, view.radio.positions, power, exponent)
+    shadowing = view.shadowing if model.shadowing is None else _map(model.shadowing, known, view.floor)
+    return dataclasses.replace(view, radio=radio, shadowing=shadowing)
+
+
+def _map(stored: _Shadowing, known: tuple[str, ...], floor: str) -> ShadowingMap:
+    """Return the map, its access points in the order of ``known``; of one it does not name nothing was learned."""
+    _within("shadowing.cell", stored.cell, CELL)
+    if len(set(stored.names)) != len(stored.names):
+        raise RadioModelError(f"shadowing.names: found {stored.names!r}; allowed: each once")
+    strangers = [name for name in stored.names if name not in known]
+    if strangers:
+        raise RadioModelError(
+            f"shadowing.names: {strangers[0]!r} is no access point of floor {floor}; allowed: {', '.join(known)}"
+        )
+    mean, variance = (_grid(name, getattr(stored, name), len(stored.names)) for name in ("mean", "variance"))
+    if mean.shape != variance.shape:
+        raise RadioModelError(f"shadowing.variance: found {variance.shape}; allowed: the shape of mean, {mean.shape}")
+    if np.abs(mean).max(initial=0.0) > LARGEST_MEAN:
+        raise RadioModelError(f"shadowing.mean: found {np.abs(mean).max():g} dB; allowed: at most {LARGEST_MEAN:g}")
+    if (variance < 0.0).any():
+        raise RadioModelError(f"shadowing.variance: found {variance.min():g} dB²; allowed: 0 or more")
+    shape = (len(known), *mean.shape[1:])
+    ordered_mean, ordered_variance = np.zeros(shape), np.full(shape, RadioNoise().shadowing ** 2)
+    rows = [known.index(name) for name in stored.names]
+    ordered_mean[rows], ordered_variance[rows] = mean, variance
+    return ShadowingMap(known, np.array(stored.origin), stored.cell, ordered_mean, ordered_variance)
+
+
+def _grid(name: str, value: Any, names: int) -> Any:
+    try:
+        grid = np.array(value, float)
+    except ValueError:
+        raise RadioModelError(f"shadowing.{name}: found rows of different lengths; allowed: all of one") from None
+    if grid.ndim != 3 or len(grid) != names or 0 in grid.shape:
+        raise RadioModelError(
+            f"shadowing.{name}: found shape {grid.shape}; allowed: ({names} names, 1 or more rows, 1 or more columns)"
+        )
+    return grid
+
+
+def _within(field: str, value: float, allowed: tuple[float, float]) -> float:
+    if not allowed[0] <= value <= allowed[1]:
+        raise RadioModelError(f"{field}: found {value:g}; allowed: {allowed[0]:g} … {allowed[1]:g}")
+    return value

@@ -1,0 +1,176 @@
+"""How well does a radio model explain scans the tracker never saw? Nats per reading, against a model of no places.
+
+After the incremental log-likelihood ratio of a track [ravel-thesis §8.1, Eq. 5.1], with three differences: what is
+scored are a named track's *radio* readings, not its detections; they were withheld from the tracker, so that a model
+cannot praise itself for having pulled the name to where it fits; and the sum is divided by the number of readings, so
+that scores of different lengths compare. Where the tracker named nobody the ratio is 0: not to know is worth nothing,
+and to be wrong is worth less.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.radio import PathLoss, RadioNoise, ShadowingMap
+
+__all__ = ["Score", "block_log_likelihood", "null_log_likelihood", "null_of", "places_at", "score_scans", "total"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+BLOCK = 60
+"""Readings whose correlations are written out at once."""
+LEAST_NULL_SIGMA = 3.0
+"""dB; nothing without places predicts a reading better."""
+MEMORY = 7.0
+"""Seconds after which what somebody hears who is carried about is no longer like before."""
+UNSEEN_SIGMA = 10.0
+"""dB, of an access point read once or twice."""
+NAME_ERROR = 0.5
+"""dB² added per reading for a place that is right to a few tenths of a metre only."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """Sums over one device's withheld readings.
+
+    Attributes:
+        readings: how many were withheld.
+        named: how many of them were measured while a track carried the device's name.
+        gain: log-likelihood at the tracks' places minus that without places, nats.
+    """
+
+    readings: int = 0
+    named: int = 0
+    gain: float = 0.0
+
+    def __add__(self, other: Score) -> Score:
+        """Return the sums over both."""
+        return Score(self.readings + other.readings, self.named + other.named, self.gain + other.gain)
+
+    @property
+    def per_reading(self) -> float:
+        """Nats per withheld reading; 0 where there is none."""
+        return self.gain / self.readings if self.readings else 0.0
+
+
+def score_scans(
+    t: Array,
+    level: Array,
+    access_point: Integers,
+    places: Array,
+    null: tuple[Array, Array],
+    radio: PathLoss,
+    shadowing: ShadowingMap | None,
+    noise: RadioNoise,
+) -> Score:
+    """Return the score of one device's withheld readings, in order of time.
+
+    Args:
+        t: (n,) s.
+        level: (n,) dBm.
+        access_point: (n,) columns of ``radio``.
+        places: (n, 2) metres where the tracker had the device; NaN where it named nobody.
+        null: mean and variance (m,) of each access point's readings, wherever they were made.
+        radio: the model of the m access points.
+        shadowing: what was learned beyond it.
+        noise: what the model does not explain.
+    """
+    known = np.flatnonzero(np.isfinite(places).all(axis=1))
+    gain = 0.0
+    for start in range(0, len(known), BLOCK):
+        rows = known[start : start + BLOCK]
+        columns, spots = access_point[rows], places[rows]
+        expected = radio.rssi(spots)[np.arange(len(rows)), columns]
+        variance = np.full(len(rows), noise.shadowing**2)
+        if shadowing is not None:
+            mean, unknown = shadowing.at(spots)
+            expected = expected + mean[np.arange(len(rows)), columns]
+            variance = unknown[np.arange(len(rows)), columns]
+        gain += block_log_likelihood(level[rows] - expected, spots, columns, variance, noise)
+        gain -= null_log_likelihood(level[rows], t[rows], columns, null, noise)
+    return Score(len(level), len(known), gain)
+
+
+def block_log_likelihood(
+    residual: Array, places: Array, access_point: Integers, shadowing: Array, noise: RadioNoise
+) -> float:
+    """Return log N(residual; 0, C) of one device's readings, as ``shared.radio.log_likelihood`` has it.
+
+    Unlike there, the variance of shadowing differs from reading to reading: ``shadowing`` is (n,), dB².
+    """
+    apart = np.linalg.norm(places[:, None] - places[None], axis=2)
+    same = access_point[:, None] == access_point[None]
+    sigma = np.sqrt(shadowing)
+    shared = np.outer(sigma, sigma) * np.exp(-apart / noise.shadowing_range)
+    covariance = noise.device**2 + same * (noise.access_point**2 + shared)
+    covariance = covariance + (noise.white**2 + NAME_ERROR) * np.eye(len(residual))
+    return _gaussian(residual, covariance)
+
+
+def null_log_likelihood(
+    level: Array, t: Array, access_point: Integers, null: tuple[Array, Array], noise: RadioNoise
+) -> float:
+    """Return the log-likelihood of one device's readings without places.
+
+    Each access point has a mean and a spread, and what is heard now is like what was heard a moment ago: else any
+    place would explain readings better than none, because readings of one place are alike.
+    """
+    mean, variance = null
+    same = access_point[:, None] == access_point[None]
+    kept = np.exp(-np.abs(t[:, None] - t[None]) / MEMORY)
+    spread = np.sqrt(np.maximum(variance[access_point] - noise.white**2, 0.0))
+    covariance = noise.device**2 + same * np.outer(spread, spread) * kept + noise.white**2 * np.eye(len(level))
+    return _gaussian(level - mean[access_point], covariance)
+
+
+def null_of(level: Array, access_point: Integers, points: int, noise: RadioNoise) -> tuple[Array, Array]:
+    """Return mean and variance (m,) of each access point's readings beyond the devices' own offsets, dB and dB²."""
+    count = np.bincount(access_point, minlength=points)
+    total = np.bincount(access_point, weights=level, minlength=points)
+    mean = total / np.maximum(count, 1)
+    squares = np.bincount(access_point, weights=(level - mean[access_point]) ** 2, minlength=points)
+    variance = np.where(count > 2, squares / np.maximum(count - 1, 1) - noise.device**2, UNSEEN_SIGMA**2)
+    return mean, np.maximum(variance, LEAST_NULL_SIGMA**2)
+
+
+def places_at(times: Array, frames: Array, path: Array, longest: float) -> Array:
+    """Return (n, 2) places at ``times``: between two frames in which the device was named, no farther apart in time.
+
+    Args:
+        times: (n,) s.
+        frames: (f,) s, of the frames that named the device, ascending.
+        path: (f, 2) where, metres.
+        longest: seconds between two frames, or from a frame to a time beyond it, that may be bridged.
+    """
+    places = np.full((len(times), 2), np.nan)
+    if not len(frames):
+        return places
+    after = np.searchsorted(frames, times)
+    left, right = np.maximum(after - 1, 0), np.minimum(after, len(frames) - 1)
+    gap = frames[right] - frames[left]
+    bridged = (gap > 0.0) & (gap <= 2.0 * longest)
+    share = np.where(bridged, (times - frames[left]) / np.where(bridged, gap, 1.0), 0.0)
+    nearest = np.where(np.abs(times - frames[left]) <= np.abs(times - frames[right]), left, right)
+    between = path[left] + share[:, None] * (path[right] - path[left])
+    found = np.where(bridged[:, None], between, path[nearest])
+    known = bridged | (np.abs(times - frames[nearest]) <= longest)
+    places[known] = found[known]
+    return places
+
+
+def total(scores: Sequence[Score]) -> Score:
+    """Return the sums over all devices."""
+    return sum(scores, Score())
+
+
+def _gaussian(residual: Array, covariance: Array) -> float:
+    lower = np.linalg.cholesky(covariance)
+    whitened = np.linalg.solve(lower, residual)
+    half_log_det = float(np.log(np.diag(lower)).sum())
+    return -0.5 * float(whitened @ whitened) - half_log_det - 0.5 * len(residual) * math.log(2.0 * math.pi)

@@ -1,0 +1,54 @@
+"""The last minutes of chunks, as they were consumed: bounded in time and in bytes."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import msgspec
+
+from services.fusion.tracker import Chunk
+
+__all__ = ["RecentChunks", "decode_chunk"]
+
+_encode = msgspec.msgpack.Encoder().encode
+_decoder = msgspec.msgpack.Decoder(Chunk)
+
+
+class RecentChunks:
+    """Keeps chunks in order.
+
+    Args:
+        seconds: how much event time is kept; 0 keeps nothing.
+        most_bytes: how much memory, roughly.
+    """
+
+    def __init__(self, seconds: float, most_bytes: int) -> None:
+        self._seconds = seconds
+        self._most_bytes = most_bytes
+        self._kept: deque[tuple[float, bytes]] = deque()
+        self.bytes = 0
+
+    def add(self, chunk: Chunk) -> None:
+        """Keep a chunk. One that carries an erasure, or whose time ran back, begins anew: what went before is gone."""
+        if not self._seconds:
+            return
+        if chunk.erasures or (self._kept and chunk.t_end < self._kept[-1][0]):
+            self._kept.clear()
+            self.bytes = 0
+        if chunk.erasures:
+            return
+        packed = _encode(chunk)
+        self._kept.append((chunk.t_end, packed))
+        self.bytes += len(packed)
+        while self._kept and (self.bytes > self._most_bytes or self._kept[0][0] < chunk.t_end - self._seconds):
+            self.bytes -= len(self._kept.popleft()[1])
+
+    def copy(self) -> list[bytes]:
+        """Return what is kept, oldest first; may be called from another thread than ``add``."""
+        # A deque that grows meanwhile cannot be iterated; its own copy is made in one step.
+        return [packed for _, packed in self._kept.copy()]
+
+
+def decode_chunk(packed: bytes) -> Chunk:
+    """Return a chunk that ``RecentChunks`` kept."""
+    return _decoder.decode(packed)

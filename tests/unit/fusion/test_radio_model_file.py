@@ -1,0 +1,73 @@
+"""A trained radio model comes out of its file as it went in, or one message says why not."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fusion_world import make_view
+
+from services.fusion.area_view import AreaView
+from services.fusion.radio_model import RadioModelError, apply_radio_model, read_radio_model
+
+
+@pytest.fixture(scope="module")
+def view(tmp_path_factory: pytest.TempPathFactory) -> AreaView:
+    return make_view(tmp_path_factory.mktemp("site"))
+
+
+def shadowing(**changes: Any) -> dict[str, Any]:
+    grid = [[1.0, 2.0], [3.0, 4.0]]
+    whole = {"names": ["ap-3", "ap-1"], "origin": [0, 0], "cell": 1.0, "mean": [grid, grid], "variance": [grid, grid]}
+    return {**whole, **changes}
+
+
+def read(folder: Path, model: Any, view: AreaView) -> AreaView:
+    file = folder / "radio.json"
+    file.write_text(model if isinstance(model, str) else json.dumps(model))
+    return apply_radio_model(read_radio_model(file), view)
+
+
+def test_what_is_named_is_corrected_and_all_else_stays(tmp_path: Path, view: AreaView) -> None:
+    model = {"format": "atrium-radio/1", "access_points": {"ap-2": {"power_1m": -47.5}}, "shadowing": shadowing()}
+    changed = read(tmp_path, model, view)
+    assert changed.radio.power_1m.tolist() == [-40, -47.5, -40, -40, -40, -40]
+    assert changed.radio.exponent.tolist() == view.radio.exponent.tolist()
+    assert changed.shadowing is not None
+    assert changed.shadowing.names == view.radio.names
+    mean, variance = changed.shadowing.at(np.array([[1.0, 0.0]]))
+    assert mean.tolist() == [[2, 0, 2, 0, 0, 0]]
+    assert variance[0, 1] > variance[0, 0] == 2.0  # of an access point the map does not name nothing was learned
+    assert view.shadowing is None
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        ("not json", "no radio model"),
+        ({"format": "atrium-radio/9"}, "format"),
+        ({"access_points": {"ap-99": {}}}, "access_points.ap-99: no access point of floor ground; allowed: ap-1, ap-2"),
+        ({"access_points": {"upstairs": {}}}, "access_points.upstairs: no access point of floor ground"),
+        ({"access_points": {"ap-1": {"power_1m": 40}}}, "access_points.ap-1.power_1m: found 40; allowed: -110 … 0"),
+        ({"access_points": {"ap-1": {"path_loss_exponent": 0}}}, "path_loss_exponent: found 0; allowed: 1 … 6"),
+        ({"access_points": {"ap-1": {"power": -40}}}, "power"),
+        ({"shadowing": shadowing(cell=0)}, "shadowing.cell: found 0; allowed: 0.1 … 10"),
+        ({"shadowing": shadowing(names=["ap-1", "ap-1"])}, "shadowing.names"),
+        ({"shadowing": shadowing(names=["ap-1", "nobody"])}, "'nobody' is no access point"),
+        ({"shadowing": shadowing(mean=[[[1.0, 2.0], [3.0]]] * 2)}, "rows of different lengths"),
+        ({"shadowing": shadowing(mean=[[[1.0]]])}, "shadowing.mean: found shape"),
+        ({"shadowing": shadowing(variance=[[[1.0]]] * 2)}, "shadowing.variance: found"),
+        ({"shadowing": shadowing(variance=[[[-1.0] * 2] * 2] * 2)}, "allowed: 0 or more"),
+        ({"shadowing": shadowing(mean=[[[1e9] * 2] * 2] * 2)}, "shadowing.mean: found 1e+09 dB"),
+    ],
+)
+def test_a_wrong_model_is_one_clear_message(tmp_path: Path, view: AreaView, model: Any, words: str) -> None:
+    with pytest.raises(RadioModelError) as caught:
+        read(tmp_path, model, view)
+    assert words in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RadioModelError, match=r"missing\.json: No such file"):
+        read_radio_model(tmp_path / "missing.json")

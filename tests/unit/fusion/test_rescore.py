@@ -1,0 +1,199 @@
+"""Trying other models on the last minutes: what is kept, what is asked, what a score means."""
+
+import dataclasses
+import json
+
+import msgspec
+import numpy as np
+import pytest
+from fusion_world import World, make_site
+
+from services.fusion.area_view import AreaView
+from services.fusion.evidence.identity_settings import NOISE
+from services.fusion.rescore.candidate import CandidateError, apply, read_candidate
+from services.fusion.rescore.quality import (
+    NAME_ERROR,
+    block_log_likelihood,
+    null_of,
+    places_at,
+    score_scans,
+)
+from services.fusion.rescore.recent import RecentChunks, decode_chunk
+from services.fusion.rescore.trial import withhold
+from services.fusion.rescore.worker import Job, answer
+from services.fusion.tracker import Chunk
+from shared.messages import Erasure
+from shared.radio import PathLoss, log_likelihood
+from shared.site import Site
+
+CORNERS = [(0.0, 0.0, 2.8), (20.0, 0.0, 2.8), (20.0, 12.0, 2.8), (0.0, 12.0, 2.8)]
+RADIO = PathLoss(("a", "b", "c", "d"), np.array(CORNERS), np.full(4, -40.0), np.full(4, 2.5))
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
+    return make_site(tmp_path_factory.mktemp("site"))
+
+
+@pytest.fixture(scope="module")
+def view(site: Site) -> AreaView:
+    return AreaView.of(site, "hall")
+
+
+@pytest.fixture(scope="module")
+def chunks(site: Site) -> list[Chunk]:
+    return World(site, seed=5, seconds=60.0, people=3).chunks()
+
+
+def readings(seconds: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A walk: levels (4 n,), access points (4 n,) and places (4 n, 2)."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(seconds) + 100.0 * seed
+    places = np.column_stack([10.0 + 9.0 * np.sin(t / 9.0), 6.0 + 5.0 * np.sin(t / 5.0)])
+    level = RADIO.rssi(places) + rng.normal(0.0, 3.0, (seconds, 4)) + rng.normal(0.0, 3.0)
+    return level.ravel(), np.tile(np.arange(4), seconds), np.repeat(places, 4, axis=0)
+
+
+def score(radio: PathLoss, seconds: int = 100, seed: int = 1, known: float = 1.0) -> float:
+    level, points, places = readings(seconds, seed)
+    places = places.copy()
+    places[int(known * len(places)) :] = np.nan
+    return score_scans(
+        np.arange(len(level)) // 4 * 1.0, level, points, places, null_of(level, points, 4, NOISE), radio, None, NOISE
+    ).per_reading
+
+
+def test_the_likelihood_is_that_of_the_slow_oracle() -> None:
+    level, points, places = readings(10, 1)
+    residual = level - RADIO.rssi(places)[np.arange(40), points]
+    told = block_log_likelihood(residual, places, points, np.full(40, NOISE.shadowing**2), NOISE)
+    oracle = log_likelihood(
+        residual, places, points, dataclasses.replace(NOISE, white=np.sqrt(NOISE.white**2 + NAME_ERROR))
+    )
+    assert told == pytest.approx(oracle, rel=1e-12)
+
+
+def test_the_right_model_explains_more_than_a_wrong_one_and_than_none() -> None:
+    flat = dataclasses.replace(RADIO, exponent=np.full(4, 1.2))
+    shuffled = dataclasses.replace(RADIO, positions=RADIO.positions[[2, 3, 0, 1]])
+    right = [score(RADIO, seed=seed) for seed in range(1, 6)]
+    for wrong in (flat, shuffled):
+        assert all(one > score(wrong, seed=seed) + 0.05 for seed, one in enumerate(right, 1))
+    assert np.mean(right) > 0.05
+    assert score(shuffled) < 0.0
+
+
+def test_a_longer_time_is_not_a_better_model() -> None:
+    assert score(RADIO, 400) == pytest.approx(score(RADIO, 100), abs=0.1)
+
+
+def test_not_to_know_is_worth_nothing() -> None:
+    assert score(RADIO, known=0.0) == 0.0
+    assert 0.0 < score(RADIO, known=0.5) < score(RADIO)
+
+
+def test_places_are_taken_between_frames_and_not_across_gaps() -> None:
+    frames, path = np.array([0.0, 1.0, 5.0]), np.array([[0.0, 0.0], [1.0, 2.0], [9.0, 9.0]])
+    found = places_at(np.array([-0.5, 0.25, 3.0, 5.0, 5.9, 6.1]), frames, path, 1.0)
+    assert found[[0, 1, 3, 4]].tolist() == [[0.0, 0.0], [0.25, 0.5], [9.0, 9.0], [9.0, 9.0]]
+    assert np.isnan(found[[2, 5]]).all()
+    assert np.isnan(places_at(np.array([1.0]), np.zeros(0), np.zeros((0, 2)), 1.0)).all()
+
+
+def test_the_last_minutes_are_bounded_in_time_and_bytes(chunks: list[Chunk]) -> None:
+    by_time, by_bytes = RecentChunks(10.0, 10**9), RecentChunks(1e9, 20_000)
+    for one in chunks:
+        by_time.add(one)
+        by_bytes.add(one)
+    kept = [decode_chunk(packed) for packed in by_time.copy()]
+    assert kept == chunks[-len(kept) :]
+    assert 9.0 < kept[-1].t_end - kept[0].t_start < 11.0
+    assert 10_000 < by_bytes.bytes <= 20_000
+    assert by_bytes.bytes == sum(map(len, by_bytes.copy()))
+    nothing = RecentChunks(0.0, 10**9)
+    nothing.add(chunks[0])
+    assert nothing.copy() == []
+
+
+def test_who_withdraws_consent_is_in_nothing_that_is_kept(chunks: list[Chunk]) -> None:
+    recent = RecentChunks(1e9, 10**9)
+    for one in chunks[:50]:
+        recent.add(one)
+    recent.add(dataclasses.replace(chunks[50], erasures=(Erasure(t=0.0, device="1"),)))
+    assert recent.copy() == []
+    assert recent.bytes == 0
+
+
+def test_every_second_scan_is_withheld_and_the_first_part_does_not_count(view: AreaView, chunks: list[Chunk]) -> None:
+    kept, withheld, seconds = withhold(chunks, view.radio.names)
+    everything = [scan for one in chunks for scan in one.scans]
+    left = [scan for one in kept for scan in one.scans]
+    assert len(left) == pytest.approx(len(everything) / 2, abs=3)
+    assert seconds == pytest.approx(40.0, abs=1.5)
+    assert set(withheld) == {"0", "1", "2"}
+    for device, one in withheld.items():
+        assert one.scans == pytest.approx(20, abs=2)
+        assert one.t.min() >= chunks[0].t_start + 19.0
+        assert not {scan.t for scan in left if scan.device == device} & set(one.t.tolist())
+
+
+def test_a_worse_radio_model_scores_worse_and_the_same_model_the_same(view: AreaView, chunks: list[Chunk]) -> None:
+    recent = RecentChunks(1e9, 10**9)
+    for one in chunks:
+        recent.add(one)
+    spoilt, _ = apply(
+        read_candidate(
+            json.dumps(
+                {
+                    "kind": "radio",
+                    "access_points": {
+                        f"ap-{n}": {"power_1m": -80 if n % 2 else -20, "path_loss_exponent": 1.2} for n in range(1, 7)
+                    },
+                }
+            ).encode()
+        ),
+        view,
+    )
+    job = Job(recent.copy(), "evidence", 0, view, spoilt, {})
+    told = answer(job)
+    assert told.error is None
+    assert told.scans > 50
+    assert told.active > 0.05
+    assert told.gain is not None
+    assert told.gain < -0.05
+    assert {device: one.scans for device, one in told.devices.items()}.keys() == {"0", "1", "2"}
+    same = answer(dataclasses.replace(job, candidate=view))
+    assert (same.gain, same.active) == (0.0, told.active)
+    few = answer(dataclasses.replace(job, chunks=job.chunks[:30]))
+    assert few.error is not None
+    assert "20 or more" in few.error
+    assert msgspec.json.decode(msgspec.json.encode(told))["candidate"] == told.candidate
+
+
+def test_a_stride_candidate_stretches_what_phones_say(view: AreaView, chunks: list[Chunk]) -> None:
+    recent = RecentChunks(1e9, 10**9)
+    for one in chunks:
+        recent.add(one)
+    same_view, scale = apply(read_candidate(b'{"kind": "stride", "scale": {"0": 2.0, "1": 0.5, "2": 2.0}}'), view)
+    assert same_view is view
+    told = answer(Job(recent.copy(), "evidence", 0, view, view, scale))
+    assert told.candidate is not None
+    assert told.candidate != told.active
+
+
+@pytest.mark.parametrize(
+    ("question", "words"),
+    [
+        (b"{", "allowed kinds: none, radio, stride"),
+        (b'{"kind": "magic"}', "magic"),
+        (b'{"kind": "radio"}', "found neither"),
+        (b'{"kind": "radio", "access_points": {"ap-1": {"power_1m": 3}}}', "ap-1.power_1m: found 3; allowed: -110 … 0"),
+        (b'{"kind": "radio", "access_points": {"x": {"power_1m": -3}}}', "allowed: ap-1, ap-2"),
+        (b'{"kind": "stride", "scale": {}}', "scale: found nothing"),
+        (b'{"kind": "stride", "scale": {"d": 9}}', "scale.d: found 9; allowed: 0.5 … 2"),
+    ],
+)
+def test_a_wrong_candidate_is_one_clear_message(view: AreaView, question: bytes, words: str) -> None:
+    with pytest.raises(CandidateError) as caught:
+        apply(read_candidate(question), view)
+    assert words in str(caught.value)
