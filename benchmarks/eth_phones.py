@@ -11,7 +11,7 @@ from rich.progress import Progress
 
 from benchmarks.eth_recording import eth_carriers, eth_recording
 from benchmarks.experiment import Experiment, Figures, Options
-from benchmarks.phone_folds import POINTS, Case, Split, draw_curves, measure
+from benchmarks.phone_folds import POINTS, Case, Split, add_options, draw_curves, measure
 from benchmarks.phones_on_tracks import AROUND, between, phones_on
 
 __all__ = ["EXPERIMENT", "eth_halves", "main"]
@@ -36,7 +36,7 @@ def eth_halves(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[S
 
 def run(options: Options, progress: Progress) -> Figures:
     """Score the shipped tracker and plainer methods."""
-    figures = measure(Case.all(eth_halves), options, progress)
+    figures = measure(Case.all(eth_halves, eth_halves), options, progress)
     draw_curves(figures, "eth-walking, phones on a fifth of the people", options.picture)
     return figures
 
@@ -48,6 +48,7 @@ EXPERIMENT = Experiment(
     scenario="seq-eth",
     seed=100,
     run=run,
+    arguments=add_options,
     picture="F1 of located trajectories against access points and against the time between scans",
 )
 

@@ -14,12 +14,17 @@ from rich.progress import Progress
 from benchmarks.experiment import Experiment, Figures, Options
 from benchmarks.pets_detections import ORIGIN, load_detections
 from benchmarks.pets_truth import FRAMES, FRAMES_PER_S, PetsTruth
-from benchmarks.phone_folds import POINTS, Case, Split, draw_curves, measure
-from benchmarks.phones_on_tracks import Recording, phones_on, ring_of, with_site_points
+from benchmarks.phone_folds import POINTS, Case, Split, add_options, draw_curves, measure
+from benchmarks.phones_on_tracks import AROUND, Recording, between, phones_on, ring_of, with_site_points
 from services.cli.demo import find_site
 from shared.site import load_site
 
-__all__ = ["EXPERIMENT", "main", "pets_recording", "pets_whole"]
+__all__ = ["EXPERIMENT", "main", "pets_folds", "pets_recording", "pets_whole"]
+
+GROUPS = 2
+"""Into which the people are split: one is tested, the other teaches."""
+LEAD = 10.0
+"""Seconds the tested run begins before its scores count; they teach nobody."""
 
 CORNERS = ((-20.0, -16.0), (8.0, 8.0))
 """The access points hang on the edges of this rectangle, metres."""
@@ -50,9 +55,53 @@ def pets_whole(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[S
     return [Split(phones_on(recording, recording.person, seed, every=every), ORIGIN)]
 
 
+def pets_folds(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[Split]:
+    """Return the halves of the clip for each half of the people: taught by the others' phones in the other half.
+
+    The tested run has phones on everybody, as ever; scores count for its half alone. Ten seconds between teaching
+    and testing belong to neither.
+    """
+    recording = pets_recording(points)
+    whole = phones_on(recording, recording.person, seed, every=every)
+    begin, half, end = ORIGIN, ORIGIN + FRAMES / FRAMES_PER_S / 2.0, ORIGIN + FRAMES / FRAMES_PER_S
+    spans = {
+        "first": (begin - AROUND - 1.0, begin, half),
+        "second": (half - LEAD, half, end + AROUND + 1.0),
+    }
+    teaching = {"first": (half + LEAD, end + AROUND + 1.0), "second": (begin - AROUND - 1.0, half - LEAD)}
+    splits = []
+    for group in range(GROUPS):
+        tested = recording.person[group::GROUPS]
+        teachers = phones_on(recording, [one for one in recording.person if one not in tested], seed, every=every)
+        for name, (first, start, last) in spans.items():
+            splits.append(
+                Split(
+                    test=between(whole, first, last),
+                    start=start,
+                    devices=[f"phone-{one}" for one in tested],
+                    teach=between(teachers, *teaching[name]),
+                )
+            )
+    return splits
+
+
+def pets_wide(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[Split]:
+    """Return the whole clip for each half of the people, taught by the others' phones over the whole clip."""
+    recording = pets_recording(points)
+    whole = phones_on(recording, recording.person, seed, every=every)
+    splits = []
+    for group in range(GROUPS):
+        tested = recording.person[group::GROUPS]
+        teachers = phones_on(recording, [one for one in recording.person if one not in tested], seed, every=every)
+        splits.append(Split(whole, ORIGIN, [f"phone-{one}" for one in tested], teachers))
+    return splits
+
+
 def run(options: Options, progress: Progress) -> Figures:
     """Score the shipped tracker and plainer methods."""
-    figures = measure(Case.all(pets_whole), options, progress)
+    cases = Case.all(pets_whole, pets_folds)
+    cases |= {"new_halves": Case(pets_folds), "warm_wide": Case(pets_wide, warm=True)}
+    figures = measure(cases, options, progress)
     draw_curves(figures, "PETS 2009 S2.L1, phones on all 19 people", options.picture)
     return figures
 
@@ -64,6 +113,7 @@ EXPERIMENT = Experiment(
     scenario="pets09-s2l1",
     seed=100,
     run=run,
+    arguments=add_options,
     picture="F1 of located trajectories against access points and against the time between scans",
 )
 

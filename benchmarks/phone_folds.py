@@ -6,6 +6,7 @@ radio world, teach a warmed-up site beforehand.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +19,25 @@ from benchmarks.experiment import Options, in_parallel
 from benchmarks.fusion_run import FusionRun, run_fusion
 from benchmarks.phone_scores import PhoneScore, followed, score_phones
 from benchmarks.phones_on_tracks import without_motion
+from benchmarks.radio_training import train_radio, warmed_up
 from benchmarks.revised import said_later, said_live
 from benchmarks.world_record import Truth, WorldRecord
 from services.fusion.area_view import AreaView
 from services.fusion.registry import DEFAULT_TRACKER, TRACKERS
 
-__all__ = ["EVERY", "LAG", "POINTS", "Case", "Scores", "Split", "Splits", "draw_curves", "measure", "score_run"]
+__all__ = [
+    "EVERY",
+    "LAG",
+    "POINTS",
+    "Case",
+    "Scores",
+    "Split",
+    "Splits",
+    "add_options",
+    "draw_curves",
+    "measure",
+    "score_run",
+]
 
 LAG = 5.0
 """Seconds for which fusion may think again."""
@@ -60,27 +74,44 @@ Splits = Callable[[int, int, float], Sequence[Split]]
 
 @dataclass(frozen=True)
 class Case:
-    """What is varied: access points, seconds between scans, whether phones tell of their steps, the tracker."""
+    """What is varied: whether others' phones taught beforehand, access points, seconds between scans, whether phones
+    tell of their steps, the tracker."""
 
     splits: Splits
+    warm: bool = False
     points: int = POINTS[0]
     every: float = EVERY[0]
     motion: bool = True
     tracker: str = DEFAULT_TRACKER
 
     @classmethod
-    def all(cls, whole: Splits) -> dict[str, Case]:
-        """Return all cases of an experiment by the ends of their figures' names."""
-        cases = {"new": cls(whole), "new_radio": cls(whole, motion=False)}
-        cases |= {f"new_points_{count}": cls(whole, points=count) for count in POINTS[1:]}
-        cases |= {f"new_every_{every:g}": cls(whole, every=every) for every in EVERY[1:]}
-        if "rbmcda" in TRACKERS:
-            cases["new_rbmcda"] = cls(whole, tracker="rbmcda")
+    def all(cls, whole: Splits, folds: Splits) -> dict[str, Case]:
+        """Return all cases of an experiment by the ends of their figures' names.
+
+        Args:
+            whole: what is run on a site as it was found.
+            folds: what is run on a warmed-up one.
+        """
+        cases = {}
+        for name, splits, warm in (("new", whole, False), ("warm", folds, True)):
+            cases[name] = cls(splits, warm)
+            cases |= {f"{name}_points_{count}": cls(splits, warm, points=count) for count in POINTS[1:]}
+            cases |= {f"{name}_every_{every:g}": cls(splits, warm, every=every) for every in EVERY[1:]}
+            cases[f"{name}_radio"] = cls(splits, warm, motion=False)
+            if "rbmcda" in TRACKERS:
+                cases[f"{name}_rbmcda"] = cls(splits, warm, tracker="rbmcda")
         return cases
 
 
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what these experiments can be asked for."""
+    parser.add_argument("--only", nargs="+", metavar="CASE", help="measure these alone, for example: new warm")
+
+
 def measure(cases: Mapping[str, Case], options: Options, progress: Progress) -> dict[str, float | None]:
-    """Return the figures of all cases, three phone seeds each; those of "new" and "warm" in full."""
+    """Return the figures of all cases (or of ``--only`` some), three phone seeds each; "new" and "warm" in full."""
+    only = getattr(options.more, "only", None)
+    cases = {name: case for name, case in cases.items() if not only or name in only}
     seeds = range(options.seed, options.seed + SEEDS)
     cells = [(case, seed) for case in cases.values() for seed in seeds]
     scored = in_parallel(score_case, cells, options.jobs, progress)
@@ -98,7 +129,11 @@ def score_case(case: Case, seed: int) -> Scores:
     scores = []
     for split in case.splits(seed, case.points, case.every):
         test = split.test if case.motion else without_motion(split.test)
-        scores.append(score_run(test, tracker=case.tracker, start=split.start, devices=split.devices)[0])
+        view = AreaView.of(test.site, test.area)
+        if case.warm and split.teach is not None:
+            teach = split.teach if case.motion else without_motion(split.teach)
+            view = warmed_up(view, train_radio(teach, case.tracker))
+        scores.append(score_run(test, tracker=case.tracker, view=view, start=split.start, devices=split.devices)[0])
     return _together(scores)
 
 

@@ -25,7 +25,7 @@ __all__ = ["PRIOR", "learn_from_run", "train_radio", "warmed_up"]
 Array = NDArray[np.float64]
 
 PRIOR = RadioPrior()
-ROUNDS = 3
+ROUNDS = 2
 LAG = 5.0
 """Seconds for which a name may still be revised before it teaches."""
 SURE = 0.8
