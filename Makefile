@@ -2,6 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+JOBS ?= auto
+# A file's tests stay together, for they share what is dear to set up; the long files come first.
+BESIDE := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DEFAULT_GOAL := help
@@ -51,10 +54,11 @@ layers: setup-dev
 	$(BIN)/lint-imports
 
 unit: setup-dev ## the quick tests only
-	$(BIN)/pytest tests/unit tests/contract
+	$(BIN)/pytest $(BESIDE) tests/unit tests/contract
 
-test: setup-dev system-packages lint types layers ## set up and run every check and test
-	$(BIN)/pytest
+test: setup-dev system-packages lint types layers ## set up and run every check and test, on JOBS=auto cores
+	$(BIN)/pytest $(BESIDE) -m 'not alone'
+	$(BIN)/pytest -m alone
 
 clean: ## remove the virtual environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache var

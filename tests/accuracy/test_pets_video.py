@@ -9,6 +9,8 @@ from benchmarks.pets_truth import FRAMES, PetsTruth
 from benchmarks.pets_video import BARS, figures_of
 from benchmarks.result import read_figures
 
+pytestmark = pytest.mark.alone
+
 # The tight gate is test_pets_offline.py. Live, time stamps differ in their last bits from run to run, and with them a
 # decision or two; identity rides on wall-clock timing as well. The tolerances are the spread of several runs.
 TOLERANCE = {"mota": 0.01, "idf1": 0.03, "precision": 0.01, "recall": 0.01, "located_within_1m": 0.08}

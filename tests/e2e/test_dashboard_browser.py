@@ -23,11 +23,13 @@ from selenium.webdriver.common.keys import Keys as Key
 from selenium.webdriver.remote.webdriver import WebDriver
 from selenium.webdriver.support.select import Select
 from waiting import wait_until
-from walking_people import DEVICES, walking
+from walking_people import DEVICES, UNSEEN, walking
 
 from shared.bus import Bus, router
 from shared.keys import Keys
 from shared.messages import Alert, CameraStatus
+
+pytestmark = pytest.mark.alone
 
 API_KEY = "demo-api-key"
 PASSWORD = "a password for the test"
@@ -114,6 +116,19 @@ def test_people_move_on_the_map_and_nothing_comes_from_elsewhere(page: WebDriver
     errors = [entry for entry in page.get_log("browser") if entry["level"] == "SEVERE"]
     assert errors == []
     assert _hosts(page) == {"127.0.0.1"}
+
+
+def test_whom_no_camera_sees_is_drawn_as_a_guess_and_counted_as_no_second_person(
+    page: WebDriver, tmp_path: Path
+) -> None:
+    (guess,) = [person for person in _tracks(page).values() if person["state"] == "unseen"]
+    assert guess["device"] == UNSEEN
+    assert guess["accuracy"] == pytest.approx(0.949, abs=0.01)
+    status = page.find_element(By.ID, "atrium-status")
+    wait_until(lambda: "6 people, 2 with a located phone, 1 phone out of view" in status.text, 10, "the count")
+    phones = page.find_element(By.ID, "phones")
+    wait_until(lambda: "out of view, within 2 m" in phones.text, 10, "the words")
+    page.save_screenshot(str(tmp_path / "unseen.png"))
 
 
 def test_identities_have_colours_that_stay(page: WebDriver) -> None:

@@ -16,6 +16,8 @@ import pytest
 from browser import open_browser
 from waiting import wait_until
 
+pytestmark = pytest.mark.alone
+
 KEY = {"Authorization": "Bearer demo-api-key"}
 
 

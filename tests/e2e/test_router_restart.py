@@ -11,6 +11,8 @@ from waiting import wait_until
 
 from services.cli.demo import Demo, Ports, find_site
 
+pytestmark = pytest.mark.alone
+
 ROUTER = """
 import sys, threading
 from shared.bus import router

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import httpx
 import numpy as np
+import pytest
 from conftest import unused_port
 from service_process import process
 from waiting import wait_until
@@ -14,6 +15,8 @@ from shared.bus import Bus, Delivery
 from shared.keys import Keys
 from shared.messages import CameraStatus, DetectionFrame, MotionBatch, RadioScan, TrackFrame
 from shared.truth import GroundTruth, truth_key
+
+pytestmark = pytest.mark.alone
 
 SITE = """
 format: atrium-site/1

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import httpx
 import numpy as np
+import pytest
 from conftest import unused_port
 from service_process import process
 from waiting import wait_until
@@ -18,6 +19,8 @@ from shared.keys import Keys
 from shared.messages import CameraStatus, MotionBatch, RadioScan
 from shared.site import load_site
 from shared.truth import GroundTruth, truth_key
+
+pytestmark = pytest.mark.alone
 
 FOLLOWING_A_CLIP = """
 format: atrium-scenario/1
