@@ -15,7 +15,7 @@ import matplotlib as mpl
 import numpy as np
 from rich.progress import Progress
 
-from benchmarks.experiment import Options, in_parallel
+from benchmarks.experiment import ExperimentError, Options, in_parallel
 from benchmarks.fusion_run import FusionRun, run_fusion
 from benchmarks.phone_scores import PhoneScore, followed, score_phones
 from benchmarks.phones_on_tracks import without_motion
@@ -111,6 +111,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def measure(cases: Mapping[str, Case], options: Options, progress: Progress) -> dict[str, float | None]:
     """Return the figures of all cases (or of ``--only`` some), three phone seeds each; "new" and "warm" in full."""
     only = getattr(options.more, "only", None)
+    if only and options.out is None:
+        raise ExperimentError("benchmarks/results holds all cases; add --out FOLDER where only some are wanted")
     cases = {name: case for name, case in cases.items() if not only or name in only}
     seeds = range(options.seed, options.seed + SEEDS)
     cells = [(case, seed) for case in cases.values() for seed in seeds]
