@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 import time
 from collections import Counter as Count
@@ -15,7 +16,6 @@ from prometheus_client import Counter, Gauge, Histogram
 from services.fusion.area_view import AreaView
 from services.fusion.chunks import Chunker, ChunkerSettings, Closed, period_of
 from services.fusion.positions.anonymous import MOST_CAMERAS
-from services.fusion.radio_model import RadioModelError, apply_radio_model, read_radio_model
 from services.fusion.registry import TRACKERS, make_tracker
 from services.fusion.replay import StateAnswer
 from services.fusion.rescore.desk import RescoreDesk
@@ -28,6 +28,7 @@ from services.fusion.watch import Watch
 from shared.bus import DROPPED as BUS_DROPPED
 from shared.bus import Bus, Delivery, Trace
 from shared.messages import ChunkMark, DetectionFrame, Erasure, Message, MotionBatch, RadioScan, Revision, TrackFrame
+from shared.radio import RadioModelError, read_radio_model
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
@@ -254,9 +255,12 @@ def _view_of(settings: FusionSettings, site: Site, area: str) -> AreaView:
     if settings.radio_model is None:
         return view
     try:
-        return apply_radio_model(read_radio_model(settings.radio_model), view)
+        model = read_radio_model(settings.radio_model, site.site, view.radio.names)
     except RadioModelError as error:
         raise SettingsError(f"radio_model: {error}; set by --radio-model or ATRIUM_RADIO_MODEL") from error
+    # Where the access points stand is for the site file to say.
+    radio = dataclasses.replace(model.path_loss, positions=view.radio.positions)
+    return dataclasses.replace(view, radio=radio, shadowing=model.shadowing)
 
 
 def _lost_on_the_bus() -> Count[str]:

@@ -1,5 +1,6 @@
 """Fusion as a real process on a real router: what it publishes, in which order, and what it survives."""
 
+import dataclasses
 import itertools
 import json
 import os
@@ -37,8 +38,9 @@ from shared.messages import (
     TrackFrame,
     encode,
 )
-from shared.radio import PathLoss
+from shared.radio import PathLoss, RadioModel, ShadowingMap, write_radio_model
 from shared.runner import Health
+from shared.settings import SettingsError
 from shared.site import load_site
 
 KEYS = Keys("test-hall")
@@ -408,6 +410,26 @@ def test_a_candidate_model_is_scored_on_the_last_minutes(zenoh_router: str, star
         assert told["active_named"] > 0.5
         assert told["gain"] < 0.0
         assert get(port, "/healthz")[0] == 200
+
+
+def test_a_trained_radio_model_is_what_the_tracker_sees(site_file: Path, tmp_path: Path, zenoh_router: str) -> None:
+    site = load_site(site_file)
+    untrained = AreaView.of(site, "hall")
+    radio = dataclasses.replace(untrained.radio, power_1m=untrained.radio.power_1m - 5.0)
+    grid = np.ones((len(POINTS), 2, 2))
+    shadowing = ShadowingMap(radio.names, np.zeros(2), 1.0, grid, grid)
+    file = tmp_path / "radio.json"
+    write_radio_model(RadioModel("test-hall", radio, shadowing), file)
+    settings = FusionSettings.model_validate({"site_file": site_file, "area": "hall", "radio_model": file})
+    FusionService.check(settings, site)
+    with Bus([zenoh_router]) as own:
+        view = FusionService(settings, site, own, Health()).view
+    assert view.radio.power_1m.tolist() == radio.power_1m.tolist()
+    assert view.shadowing is not None
+    assert view.shadowing.mean.tolist() == grid.tolist()
+    gallery = FusionSettings.model_validate({"site_file": site_file, "area": "gallery", "radio_model": file})
+    with pytest.raises(SettingsError, match=r"radio_model: .*other access points than the site's: lacks upstairs"):
+        FusionService.check(gallery, site)
 
 
 def test_revisions_are_published(zenoh_router: str, site_file: Path) -> None:

@@ -7,7 +7,7 @@ import math
 import msgspec
 
 from services.fusion.area_view import AreaView
-from services.fusion.radio_model import RadioModel, RadioModelError, apply_radio_model
+from services.fusion.rescore.radio_candidate import CandidateError, RadioCandidate, with_radio
 
 __all__ = ["CandidateError", "NoCandidate", "RadioCandidate", "StrideCandidate", "apply", "read_candidate"]
 
@@ -15,16 +15,8 @@ SCALE = (0.5, 2.0)
 """A person's steps are no more than so much longer or shorter than they were taken for."""
 
 
-class CandidateError(ValueError):
-    """The candidate cannot be tried: the text names the field, the value found and what is allowed."""
-
-
 class NoCandidate(msgspec.Struct, frozen=True, tag_field="kind", tag="none"):
     """Only the active model is scored."""
-
-
-class RadioCandidate(RadioModel, frozen=True, kw_only=True, tag_field="kind", tag="radio"):
-    """Another radio model, in the form of ``services.fusion.radio_model``."""
 
 
 class StrideCandidate(msgspec.Struct, frozen=True, tag_field="kind", tag="stride"):
@@ -65,10 +57,5 @@ def apply(candidate: Candidate, view: AreaView) -> tuple[AreaView, dict[str, flo
         CandidateError: the candidate does not fit the area.
     """
     if isinstance(candidate, RadioCandidate):
-        if not candidate.access_points and candidate.shadowing is None:
-            raise CandidateError("access_points, shadowing: found neither; allowed: one of them or both")
-        try:
-            return apply_radio_model(candidate, view), {}
-        except RadioModelError as error:
-            raise CandidateError(str(error)) from error
+        return with_radio(candidate, view), {}
     return view, dict(candidate.scale) if isinstance(candidate, StrideCandidate) else {}

@@ -1,15 +1,14 @@
-"""A trained radio model as it is stored and asked about: corrected access points, a map of what they leave unexplained.
+"""A radio model as it is asked about: corrected access points, a map of what they leave unexplained.
 
-JSON: ``{"format": "atrium-radio/1", "access_points": {ID: {"power_1m": dBm, "path_loss_exponent": n}}, "shadowing":
-{"names": [ID], "origin": [x, y], "cell": metres, "mean": [per name][row][column] dB, "variance": likewise dB²}}``; both
-parts may be left out, and access points that are not named keep what the site file says.
+``{"kind": "radio", "access_points": {ID: {"power_1m": dBm, "path_loss_exponent": n}}, "shadowing": {"names": [ID],
+"origin": [x, y], "cell": metres, "mean": [per name][row][column] dB, "variance": likewise dB²}}``; either part may be
+left out, and access points that are not named keep what the active model says.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from services.fusion.area_view import AreaView
 from shared.radio import PathLoss, RadioNoise, ShadowingMap
 
-__all__ = ["RadioModel", "RadioModelError", "apply_radio_model", "read_radio_model"]
+__all__ = ["CandidateError", "RadioCandidate", "with_radio"]
 
 POWER = (-110.0, 0.0)
 EXPONENT = (1.0, 6.0)
@@ -26,8 +25,8 @@ LARGEST_MEAN = 60.0
 """dB."""
 
 
-class RadioModelError(ValueError):
-    """The model cannot be used: the text names the field, the value found and what is allowed."""
+class CandidateError(ValueError):
+    """The candidate cannot be tried: the text names the field, the value found and what is allowed."""
 
 
 class _AccessPoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -43,40 +42,27 @@ class _Shadowing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     variance: list[list[list[float]]]
 
 
-class RadioModel(msgspec.Struct, frozen=True, kw_only=True):
-    """A model as it is stored."""
+class RadioCandidate(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="radio"):
+    """Another radio model."""
 
-    format: Literal["atrium-radio/1"] = "atrium-radio/1"
     access_points: dict[str, _AccessPoint] = {}
     shadowing: _Shadowing | None = None
 
 
-def read_radio_model(file: Path) -> RadioModel:
-    """Return the model a file holds.
-
-    Raises:
-        RadioModelError: the file cannot be read or is no radio model.
-    """
-    try:
-        return msgspec.json.decode(file.read_bytes(), type=RadioModel)
-    except OSError as error:
-        raise RadioModelError(f"{file}: {error.strerror}") from error
-    except msgspec.DecodeError as error:
-        raise RadioModelError(f"{file}: no radio model (format atrium-radio/1): {error}") from error
-
-
-def apply_radio_model(model: RadioModel, view: AreaView) -> AreaView:
+def with_radio(model: RadioCandidate, view: AreaView) -> AreaView:
     """Return the view with its radio as the model says.
 
     Raises:
-        RadioModelError: naming the field, the value found and what is allowed.
+        CandidateError: naming the field, the value found and what is allowed.
     """
+    if not model.access_points and model.shadowing is None:
+        raise CandidateError("access_points, shadowing: found neither; allowed: one of them or both")
     known = view.radio.names
     power, exponent = view.radio.power_1m.copy(), view.radio.exponent.copy()
     for name, point in model.access_points.items():
         where = f"access_points.{name}"
         if name not in known:
-            raise RadioModelError(f"{where}: no access point of floor {view.floor}; allowed: {', '.join(known)}")
+            raise CandidateError(f"{where}: no access point of floor {view.floor}; allowed: {', '.join(known)}")
         index = known.index(name)
         if point.power_1m is not None:
             power[index] = _within(f"{where}.power_1m", point.power_1m, POWER)
@@ -91,19 +77,19 @@ def _map(stored: _Shadowing, known: tuple[str, ...], floor: str) -> ShadowingMap
     """Return the map, its access points in the order of ``known``; of one it does not name nothing was learned."""
     _within("shadowing.cell", stored.cell, CELL)
     if len(set(stored.names)) != len(stored.names):
-        raise RadioModelError(f"shadowing.names: found {stored.names!r}; allowed: each once")
+        raise CandidateError(f"shadowing.names: found {stored.names!r}; allowed: each once")
     strangers = [name for name in stored.names if name not in known]
     if strangers:
-        raise RadioModelError(
+        raise CandidateError(
             f"shadowing.names: {strangers[0]!r} is no access point of floor {floor}; allowed: {', '.join(known)}"
         )
     mean, variance = (_grid(name, getattr(stored, name), len(stored.names)) for name in ("mean", "variance"))
     if mean.shape != variance.shape:
-        raise RadioModelError(f"shadowing.variance: found {variance.shape}; allowed: the shape of mean, {mean.shape}")
+        raise CandidateError(f"shadowing.variance: found {variance.shape}; allowed: the shape of mean, {mean.shape}")
     if np.abs(mean).max(initial=0.0) > LARGEST_MEAN:
-        raise RadioModelError(f"shadowing.mean: found {np.abs(mean).max():g} dB; allowed: at most {LARGEST_MEAN:g}")
+        raise CandidateError(f"shadowing.mean: found {np.abs(mean).max():g} dB; allowed: at most {LARGEST_MEAN:g}")
     if (variance < 0.0).any():
-        raise RadioModelError(f"shadowing.variance: found {variance.min():g} dB²; allowed: 0 or more")
+        raise CandidateError(f"shadowing.variance: found {variance.min():g} dB²; allowed: 0 or more")
     shape = (len(known), *mean.shape[1:])
     ordered_mean, ordered_variance = np.zeros(shape), np.full(shape, RadioNoise().shadowing ** 2)
     rows = [known.index(name) for name in stored.names]
@@ -115,9 +101,9 @@ def _grid(name: str, value: Any, names: int) -> Any:
     try:
         grid = np.array(value, float)
     except ValueError:
-        raise RadioModelError(f"shadowing.{name}: found rows of different lengths; allowed: all of one") from None
+        raise CandidateError(f"shadowing.{name}: found rows of different lengths; allowed: all of one") from None
     if grid.ndim != 3 or len(grid) != names or 0 in grid.shape:
-        raise RadioModelError(
+        raise CandidateError(
             f"shadowing.{name}: found shape {grid.shape}; allowed: ({names} names, 1 or more rows, 1 or more columns)"
         )
     return grid
@@ -125,5 +111,5 @@ def _grid(name: str, value: Any, names: int) -> Any:
 
 def _within(field: str, value: float, allowed: tuple[float, float]) -> float:
     if not allowed[0] <= value <= allowed[1]:
-        raise RadioModelError(f"{field}: found {value:g}; allowed: {allowed[0]:g} … {allowed[1]:g}")
+        raise CandidateError(f"{field}: found {value:g}; allowed: {allowed[0]:g} … {allowed[1]:g}")
     return value

@@ -1,7 +1,6 @@
-"""A trained radio model comes out of its file as it went in, or one message says why not."""
+"""A radio candidate changes what it names and nothing else, or one message says why not."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from fusion_world import make_view
 
 from services.fusion.area_view import AreaView
-from services.fusion.radio_model import RadioModelError, apply_radio_model, read_radio_model
+from services.fusion.rescore.candidate import CandidateError, apply, read_candidate
 
 
 @pytest.fixture(scope="module")
@@ -23,15 +22,13 @@ def shadowing(**changes: Any) -> dict[str, Any]:
     return {**whole, **changes}
 
 
-def read(folder: Path, model: Any, view: AreaView) -> AreaView:
-    file = folder / "radio.json"
-    file.write_text(model if isinstance(model, str) else json.dumps(model))
-    return apply_radio_model(read_radio_model(file), view)
+def changed_by(model: dict[str, Any], view: AreaView) -> AreaView:
+    return apply(read_candidate(json.dumps({"kind": "radio", **model}).encode()), view)[0]
 
 
-def test_what_is_named_is_corrected_and_all_else_stays(tmp_path: Path, view: AreaView) -> None:
-    model = {"format": "atrium-radio/1", "access_points": {"ap-2": {"power_1m": -47.5}}, "shadowing": shadowing()}
-    changed = read(tmp_path, model, view)
+def test_what_is_named_is_corrected_and_all_else_stays(view: AreaView) -> None:
+    model = {"access_points": {"ap-2": {"power_1m": -47.5}}, "shadowing": shadowing()}
+    changed = changed_by(model, view)
     assert changed.radio.power_1m.tolist() == [-40, -47.5, -40, -40, -40, -40]
     assert changed.radio.exponent.tolist() == view.radio.exponent.tolist()
     assert changed.shadowing is not None
@@ -45,8 +42,6 @@ def test_what_is_named_is_corrected_and_all_else_stays(tmp_path: Path, view: Are
 @pytest.mark.parametrize(
     ("model", "words"),
     [
-        ("not json", "no radio model"),
-        ({"format": "atrium-radio/9"}, "format"),
         ({"access_points": {"ap-99": {}}}, "access_points.ap-99: no access point of floor ground; allowed: ap-1, ap-2"),
         ({"access_points": {"upstairs": {}}}, "access_points.upstairs: no access point of floor ground"),
         ({"access_points": {"ap-1": {"power_1m": 40}}}, "access_points.ap-1.power_1m: found 40; allowed: -110 … 0"),
@@ -62,12 +57,7 @@ def test_what_is_named_is_corrected_and_all_else_stays(tmp_path: Path, view: Are
         ({"shadowing": shadowing(mean=[[[1e9] * 2] * 2] * 2)}, "shadowing.mean: found 1e+09 dB"),
     ],
 )
-def test_a_wrong_model_is_one_clear_message(tmp_path: Path, view: AreaView, model: Any, words: str) -> None:
-    with pytest.raises(RadioModelError) as caught:
-        read(tmp_path, model, view)
+def test_a_wrong_model_is_one_clear_message(view: AreaView, model: dict[str, Any], words: str) -> None:
+    with pytest.raises(CandidateError) as caught:
+        changed_by(model, view)
     assert words in str(caught.value)
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RadioModelError, match=r"missing\.json: No such file"):
-        read_radio_model(tmp_path / "missing.json")
