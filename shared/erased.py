@@ -6,7 +6,7 @@ from collections import OrderedDict
 
 import msgspec
 
-from shared.messages import Alert, TrackFrame
+from shared.messages import Alert, Revision, TrackFrame
 
 __all__ = ["Erased"]
 
@@ -31,9 +31,13 @@ class Erased:
         return device in self._devices
 
     def from_tracks(self, frame: TrackFrame) -> TrackFrame:
-        """Return the frame without erased devices; the same frame where it names none."""
+        """Return the frame without erased devices; the same frame where it names none.
+
+        Whom a camera sees stays, without a name; who is followed by the device alone is gone with it.
+        """
         if not self._devices or not any(name in self._devices for name in (*frame.device, *frame.runner_up) if name):
             return frame
+        frame = self._without_unseen(frame)
         device = [None if name in self._devices else name for name in frame.device]
         return msgspec.structs.replace(
             frame,
@@ -45,6 +49,29 @@ class Erased:
             runner_up=[None if name in self._devices else name for name in frame.runner_up],
             sources=[[name for name in names if name not in self._devices] for names in frame.sources],
         )
+
+    def _without_unseen(self, frame: TrackFrame) -> TrackFrame:
+        kept = [
+            row
+            for row, (name, state) in enumerate(zip(frame.device, frame.state, strict=True))
+            if state != "unseen" or name not in self._devices
+        ]
+        if len(kept) == len(frame.track):
+            return frame
+        columns = {column: [getattr(frame, column)[row] for row in kept] for column in frame.columns()}
+        return msgspec.structs.replace(frame, **columns)
+
+    def from_revision(self, revision: Revision) -> Revision:
+        """Return the revision without erased devices and all that was said of them."""
+        if not any(name in self._devices for name in revision.device):
+            return revision
+        kept = [row for row, name in enumerate(revision.device) if name not in self._devices]
+        number = {row: place for place, row in enumerate(kept)}
+        points = [row for row, of in enumerate(revision.of) if of in number]
+        columns = {column: [getattr(revision, column)[row] for row in points] for column in revision.columns()}
+        columns["of"] = [number[of] for of in columns["of"]]
+        columns.update({name: [getattr(revision, name)[row] for row in kept] for name in revision.event_columns()})
+        return msgspec.structs.replace(revision, **columns)
 
     def from_alert(self, alert: Alert) -> Alert:
         """Return the alert without an erased device."""

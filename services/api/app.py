@@ -37,13 +37,14 @@ __all__ = ["create_app"]
 
 _STREAM: dict[int | str, dict[str, Any]] = {
     200: {
-        "description": "Events `tracks` (TrackColumns), `alert` (Alert), `camera` (CameraReport), until you leave.",
+        "description": "Events `tracks` (TrackColumns), `revision` (Revision), `alert` (Alert) and `camera` "
+        "(CameraReport), until you leave.",
         "content": {
             "text/event-stream": {
                 "schema": {"type": "string"},
                 "example": 'event: tracks\ndata: {"area":"hall","t":1767225600.2,"floor":["ground"],"track":[12],'
                 '"x":[9.41],"y":[3.2],"vx":[0.9],"vy":[0.1],"state":["confirmed"],"device":["d-7f3a"],'
-                '"probability":[0.97]}\n\n',
+                '"probability":[0.97],"accuracy":[0.12]}\n\n',
             }
         },
     },
@@ -185,6 +186,7 @@ def _stream(site: Site, live: LiveState, hub: Hub) -> APIRouter:
         """Server-sent events: the present state first, then every change.
 
         An event "tracks" comes once per frame of an area, at most ten times a second; a slow reader gets the newest.
+        A "revision" replaces what was told of some devices' last seconds.
         An "alert" needs a key with the scope alerts, a "camera" one with the scope site. Send Last-Event-ID to be told
         the alerts after that one.
         """
@@ -201,7 +203,7 @@ def _stream(site: Site, live: LiveState, hub: Hub) -> APIRouter:
                 {"Retry-After": "5"},
             )
         scopes = request.state.scopes
-        allowed = {"tracks": "positions", "alert": "alerts", "camera": "site"}
+        allowed = {"tracks": "positions", "revision": "positions", "alert": "alerts", "camera": "site"}
         reader = hub.join(frozenset(event for event, scope in allowed.items() if scope in scopes), area)
         for report in live.cameras(time.time()):
             reader.offer("camera", report.camera, report.area, camera_event(report))

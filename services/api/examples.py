@@ -75,6 +75,7 @@ EXAMPLES: dict[type[Reply], dict[str, Any]] = {
                 "polygon": _CORNERS,
                 "alert_on": ["enter", "exit"],
                 "inside": 2,
+                "unseen": 0,
             }
         ],
     },

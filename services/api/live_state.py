@@ -266,7 +266,8 @@ class LiveState:
                 reports.append(AreaFreshness(area=area.id, t=None, age=None, people=0))
             else:
                 age = _age(now, arrived.origin)
-                people = len(arrived.frame.track) if age <= self._tracks_kept else 0
+                seen = sum(state != "unseen" for state in arrived.frame.state)
+                people = seen if age <= self._tracks_kept else 0
                 reports.append(AreaFreshness(area=area.id, t=arrived.frame.t, age=age, people=people))
         return reports
 
@@ -331,6 +332,11 @@ class LiveState:
         floor = np.array([name for frame in frames for name in frame.floor], dtype=object)
         x = np.array([value for frame in frames for value in frame.x], dtype=float)
         y = np.array([value for frame in frames for value in frame.y], dtype=float)
+        unseen = np.array([state == "unseen" for frame in frames for state in frame.state], dtype=bool)
+        within = [
+            shapely.intersects_xy(polygon, x, y) & (floor == zone.floor)
+            for zone, polygon in zip(self._site.zones, self._polygons, strict=True)
+        ]
         return Zones(
             t=now,
             zones=[
@@ -340,9 +346,10 @@ class LiveState:
                     floor=zone.floor,
                     polygon=zone.polygon,
                     alert_on=zone.alert_on,
-                    inside=int(np.sum(shapely.intersects_xy(polygon, x, y) & (floor == zone.floor))),
+                    inside=int(np.sum(there & ~unseen)),
+                    unseen=int(np.sum(there & unseen)),
                 )
-                for zone, polygon in zip(self._site.zones, self._polygons, strict=True)
+                for zone, there in zip(self._site.zones, within, strict=True)
             ],
         )
 

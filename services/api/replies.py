@@ -113,10 +113,16 @@ class TrackColumns(Reply, frozen=True, kw_only=True):
     state: list[TrackState]
     device: list[str | None]
     probability: list[float]
+    accuracy: list[float]
+    """Metres: standard deviation along the direction that is known worst."""
 
 
 class ZoneReport(Reply, frozen=True, kw_only=True):
-    """One zone and how many people's positions lie in it now."""
+    """One zone and how many people's positions lie in it now.
+
+    ``inside`` counts whom cameras see; ``unseen`` devices that are followed by steps and radio alone, whose carriers a
+    camera may see and count as well.
+    """
 
     id: str
     name: str
@@ -124,6 +130,7 @@ class ZoneReport(Reply, frozen=True, kw_only=True):
     polygon: Ring
     alert_on: list[Literal["enter", "exit"]]
     inside: int
+    unseen: int
 
 
 class Zones(Reply, frozen=True, kw_only=True):
@@ -170,7 +177,7 @@ class ServicePresence(Reply, frozen=True, kw_only=True):
 
 
 class AreaFreshness(Reply, frozen=True, kw_only=True):
-    """When an area was last heard of; null: never."""
+    """When an area was last heard of; null: never. ``people``: whom its cameras see."""
 
     area: str
     t: float | None

@@ -18,10 +18,10 @@ from services.api.live_state import LiveState
 from services.api.replies import HealthReport
 from services.api.settings import DEMO_KEY, ApiSettings
 from services.api.site_view import site_view
-from services.api.stream import Hub, alert_event, camera_event
+from services.api.stream import Hub, alert_event, camera_event, revision_event
 from shared.bus import Bus, Delivery
 from shared.http_server import serve
-from shared.messages import Alert, CameraStatus, Erasure, Message, TrackFrame
+from shared.messages import Alert, CameraStatus, Erasure, Message, Revision, TrackFrame
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
@@ -71,6 +71,7 @@ class ApiService(Service[ApiSettings]):
         """Serve until asked to stop."""
         inbox = self._inbox
         inbox.subscribe(self.keys.tracks(), TrackFrame, newest=True)
+        inbox.subscribe(self.keys.revisions(), Revision)
         inbox.subscribe(self.keys.alert(), Alert, cached=True)
         inbox.subscribe(self.keys.erasure(), Erasure)
         inbox.subscribe(self.keys.camera_status(), CameraStatus, cached=True)
@@ -144,6 +145,10 @@ class ApiService(Service[ApiSettings]):
                 if self._live.take_alert(message, delivery.trace.sent):
                     told = self._live.erased.from_alert(message)
                     self._hub.send("alert", message.zone, message.area, alert_event(told))
+            elif isinstance(message, Revision):
+                told_anew = self._live.erased.from_revision(message)
+                if told_anew.device:
+                    self._hub.send("revision", message.area, message.area, revision_event(told_anew))
             elif isinstance(message, Erasure):
                 self._live.erase(message.device)
             elif isinstance(message, CameraStatus):

@@ -2,13 +2,15 @@
 
 Lives in the HTTP event loop. Tracks and camera statuses are state: a reader that falls behind finds only the newest of
 each area or camera. Alerts are events: they queue, up to a bound, and a reader that reconnects with ``Last-Event-ID``
-is told what it missed.
+is told is told what it missed. Revisions queue like them and are not told again.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
+import math
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 
@@ -16,14 +18,15 @@ import msgspec
 from prometheus_client import Counter, Gauge
 
 from services.api.replies import CameraReport, TrackColumns
-from shared.messages import Alert, TrackFrame
+from shared.messages import Alert, Revision, TrackFrame
 
-__all__ = ["Hub", "Reader", "alert_event", "camera_event", "tracks_event"]
+__all__ = ["Hub", "Reader", "alert_event", "camera_event", "revision_event", "tracks_event"]
 
 READERS = Gauge("atrium_stream_readers", "Streams open now")
 SKIPPED = Counter("atrium_stream_skipped_total", "Events a slow reader did not get", ["event"])
 
 ALERTS_WAITING = 1000
+"""Alerts that wait for a slow reader, and so many revisions."""
 
 
 def tracks_event(frame: TrackFrame) -> bytes:
@@ -40,8 +43,14 @@ def tracks_event(frame: TrackFrame) -> bytes:
         state=list(frame.state),
         device=frame.device,
         probability=frame.probability,
+        accuracy=[_worst_sigma(*covariance) for covariance in frame.covariance],
     )
     return b"event: tracks\ndata: " + msgspec.json.encode(columns) + b"\n\n"
+
+
+def revision_event(revision: Revision) -> bytes:
+    """Return the ``revision`` event: what is now thought of some devices' last seconds."""
+    return b"event: revision\ndata: " + msgspec.json.encode(revision) + b"\n\n"
 
 
 def alert_event(alert: Alert) -> bytes:
@@ -62,7 +71,8 @@ class Reader:
         self._events = events
         self._area = area
         self._newest: dict[tuple[str, str], bytes] = {}
-        self._alerts: deque[bytes] = deque()
+        self._waiting: dict[str, deque[bytes]] = {"alert": deque(), "revision": deque()}
+        """Events that must not replace each other."""
         self._changed = asyncio.Event()
         self._closed = False
 
@@ -70,11 +80,12 @@ class Reader:
         """Queue one event for this client, in place of an older one of the same subject where that is state."""
         if event not in self._events or (self._area is not None and area != self._area):
             return
-        if event == "alert":
-            if len(self._alerts) >= ALERTS_WAITING:
-                self._alerts.popleft()
+        if event in self._waiting:
+            queue = self._waiting[event]
+            if len(queue) >= ALERTS_WAITING:
+                queue.popleft()
                 SKIPPED.labels(event).inc()
-            self._alerts.append(payload)
+            queue.append(payload)
         else:
             if self._newest.pop((event, subject), None) is not None:
                 SKIPPED.labels(event).inc()
@@ -95,8 +106,9 @@ class Reader:
                     async with asyncio.timeout(self._keep_alive):
                         await self._changed.wait()
             self._changed.clear()
-            waiting = [*self._alerts, *self._newest.values()]
-            self._alerts.clear()
+            waiting = [*itertools.chain(*self._waiting.values()), *self._newest.values()]
+            for queue in self._waiting.values():
+                queue.clear()
             self._newest.clear()
             yield b"".join(waiting) if waiting else b": still here\n\n"
 
@@ -170,3 +182,8 @@ class Hub:
         self._next[area] = max(self._next.get(area, now), now - self._interval) + self._interval
         if self._readers:
             self.send("tracks", area, area, encode())
+
+
+def _worst_sigma(xx: float, xy: float, yy: float) -> float:
+    middle, half = (xx + yy) / 2.0, (xx - yy) / 2.0
+    return round(math.sqrt(max(middle + math.hypot(half, xy), 0.0)), 3)

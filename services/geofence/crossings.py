@@ -27,6 +27,8 @@ Bools = NDArray[np.bool_]
 S = TypeVar("S", bound=np.generic)
 
 _FIRST_CAPACITY = 64
+_ELSEWHERE = -2
+"""A floor nobody is on: whoever comes from there has made no step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +143,28 @@ class Crossings:
         happened.extend(self._vanish(t, self._grace))
         happened.sort(key=lambda crossing: (crossing.t, crossing.kind))
         return happened
+
+    def hold(self, t: float, track: Ints, former: Sequence[Sequence[int]]) -> None:
+        """Leave tracks whose place is not known well enough where they were; call before the ``step`` of their frame.
+
+        They neither cross a border nor vanish; of one never seen before nothing is remembered. When its place is known
+        again, nothing between then and now counts as a step.
+
+        Args:
+            t: of the frame.
+            track: (n,) ids.
+            former: for each track the ids it had before, oldest first.
+        """
+        slots = dict(zip(self._ids.tolist(), self._slot_of_id.tolist(), strict=True))
+        for row, number in enumerate(track.tolist()):
+            if number not in slots:
+                heir = next((one for one in reversed(former[row]) if one in slots), None)
+                if heir is None:
+                    continue
+                slots[number] = slots.pop(heir)
+            self._t[slots[number]] = t
+            self._floor[slots[number]] = _ELSEWHERE
+        self._index_ids(slots)
 
     def close(self, t: float) -> list[Crossing]:
         """Let every track leave every zone at ``t``: no more frames will come."""
@@ -315,6 +339,9 @@ class Crossings:
             slot = self._free.pop()
             self._t[slot] = np.nan
             slots[int(track[row])] = slot
+        self._index_ids(slots)
+
+    def _index_ids(self, slots: dict[int, int]) -> None:
         ids = np.fromiter(slots.keys(), np.int64, len(slots))
         order = np.argsort(ids)
         self._ids = ids[order]

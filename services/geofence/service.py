@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import structlog
+from numpy.typing import NDArray
 from prometheus_client import Counter, Gauge
 
 from services.geofence.crossings import Crossing, Crossings
@@ -16,7 +17,7 @@ from services.geofence.settings import GeofenceSettings
 from services.geofence.zone_index import ZoneIndex
 from shared.bus import Bus
 from shared.erased import Erased
-from shared.messages import Alert, Erasure, TrackFrame
+from shared.messages import Alert, Erasure, TrackFrame, covariances
 from shared.runner import Health, Service
 from shared.site import Site
 
@@ -29,6 +30,10 @@ POSITIONS = Counter("atrium_geofence_positions_total", "Track positions tested a
 LEFT_OUT = Counter("atrium_geofence_frames_left_out_total", "Frames not tested", ["reason"])
 OCCUPANCY = Gauge("atrium_zone_occupancy", "Tracks inside a zone now", ["zone"])
 
+Floats = NDArray[np.float64]
+
+SURE = 2.45
+"""Standard deviations of the radius within which somebody is with 95 %, in two dimensions."""
 NEW_PASS = 1.0
 """Seconds by which time must run back for it to be a new pass of a recording and not a late frame."""
 
@@ -120,7 +125,9 @@ class GeofenceService(Service[GeofenceSettings]):
         floor = self._index.floors_of(frame.floor)
         former, devices = frame.former, frame.device
         _, once = np.unique(track, return_index=True)
-        if len(once) < len(track):
+        if len(once) == len(track):
+            once = np.arange(len(track))
+        else:
             LEFT_OUT.labels("a track named twice: its second place").inc()
             track, x, y, floor = track[once], x[once], y[once], floor[once]
             former, devices = [former[place] for place in once.tolist()], [devices[place] for place in once.tolist()]
@@ -129,12 +136,32 @@ class GeofenceService(Service[GeofenceSettings]):
                 area.devices[number] = device
             else:
                 area.devices.pop(number, None)  # its phone turned out to be somebody else's
-        happened = area.crossings.step(frame.t, track, floor, x, y, former)
+        known = self._known_well(frame, once, floor, x, y)
+        rest, well = np.flatnonzero(~known), np.flatnonzero(known)
+        area.crossings.hold(frame.t, track[rest], [former[row] for row in rest.tolist()])
+        earlier = [former[row] for row in well.tolist()]
+        happened = area.crossings.step(frame.t, track[well], floor[well], x[well], y[well], earlier)
         POSITIONS.inc(len(track))
         self._publish(happened, area, frame.area, origin)
         if len(area.devices) > 2 * len(area.crossings.tracks) + 64:
             remembered = set(area.crossings.tracks.tolist())
             area.devices = {number: device for number, device in area.devices.items() if number in remembered}
+
+    def _known_well(
+        self, frame: TrackFrame, rows: NDArray[np.int64], floor: NDArray[np.int64], x: Floats, y: Floats
+    ) -> NDArray[np.bool_]:
+        """Whether each of ``rows`` of a frame is surely on one side of every border.
+
+        Cameras see whom they see. Whom no camera sees is somewhere within metres: unless that is wholly inside or
+        wholly outside of every zone, nothing is said.
+        """
+        known = np.ones(len(rows), np.bool_)
+        unseen = np.array([place for place, row in enumerate(rows.tolist()) if frame.state[row] == "unseen"], np.int64)
+        if len(unseen):
+            matrices = covariances(frame)[rows[unseen]]
+            radius = SURE * np.sqrt(np.linalg.eigvalsh(matrices)[:, 1])
+            known[unseen] = self._index.clear_of_borders(x[unseen], y[unseen], floor[unseen], radius)
+        return known
 
     def _watch_silence(self) -> None:
         now = time.monotonic()

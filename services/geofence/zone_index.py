@@ -64,6 +64,17 @@ class ZoneIndex:
         self._tree = shapely.STRtree(zones)
         self._grids = [self._grid(np.flatnonzero(self.floor == number)) for number in range(len(self._floor_numbers))]
 
+        borders = [shapely.union_all(shapely.boundary(zones[self.floor == n])) for n in range(len(self._floor_numbers))]
+        self._borders = np.array(borders, dtype=object)
+
+    def clear_of_borders(self, x: Floats, y: Floats, floor: Ints, radius: Floats) -> NDArray[np.bool_]:
+        """Whether each of (n,) discs of so many metres crosses no border of a zone of its floor, margin included."""
+        clear = np.ones(len(x), np.bool_)
+        here = np.flatnonzero(floor >= 0)
+        distance = shapely.distance(self._borders[floor[here]], shapely.points(x[here], y[here]))
+        clear[here] = distance > radius[here] + self.margin
+        return clear
+
     def __len__(self) -> int:
         return len(self._zones)
 

@@ -12,6 +12,8 @@ from shared.messages import TrackFrame
 
 DEVICES = ["d-7f3a11c1b07", None, "d-11c0a5520e4", None, "d-90b2e1177aa", None]
 """What the six people in the hall carry; the one in the gallery carries nothing."""
+UNSEEN = DEVICES[4]
+"""Whom no camera sees, and whose phone alone tells where."""
 
 
 @contextmanager
@@ -53,10 +55,10 @@ def _frame(area: str, floor: str, chunk: int, now: float, devices: list[str | No
         floor=[floor] * count,
         x=[middle[0] + radii[0] * math.cos(a) for a in angles],
         y=[middle[1] + radii[1] * math.sin(a) for a in angles],
-        covariance=[(0.04, 0.0, 0.04)] * count,
+        covariance=[(0.5, 0.2, 0.8) if device and device == UNSEEN else (0.04, 0.0, 0.04) for device in devices],
         vx=[-0.16 * radii[0] * math.sin(a) for a in angles],
         vy=[0.16 * radii[1] * math.cos(a) for a in angles],
-        state=["confirmed"] * count,
+        state=["unseen" if device and device == UNSEEN else "confirmed" for device in devices],
         device=devices,
         probability=[0.97] * count,
         runner_up=[None] * count,

@@ -22,7 +22,9 @@ DEADLINE = 15.0
 SITE = "deploy/sites/hall/site.yaml"
 
 
-def frame(t: float, x: float, y: float, track: int = 1, device: str | None = "phone-1") -> TrackFrame:
+def frame(
+    t: float, x: float, y: float, track: int = 1, device: str | None = "phone-1", unseen: float | None = None
+) -> TrackFrame:
     """One person in the hall; the zone "entrance" spans 7 to 13 by 0 to 2.5 m."""
     return TrackFrame(
         t=t,
@@ -33,10 +35,10 @@ def frame(t: float, x: float, y: float, track: int = 1, device: str | None = "ph
         floor=["ground"],
         x=[x],
         y=[y],
-        covariance=[(0.04, 0.0, 0.04)],
+        covariance=[(0.04, 0.0, 0.04) if unseen is None else (unseen**2, 0.0, unseen**2)],
         vx=[0.0],
         vy=[0.0],
-        state=["confirmed"],
+        state=["confirmed" if unseen is None else "unseen"],
         device=[device],
         probability=[0.9],
         runner_up=[None],
@@ -163,3 +165,25 @@ def test_alerts_go_on_after_the_router_restarts(site: Site, project: Path, free_
         assert time.monotonic() - began < DEADLINE
         assert {a.kind for a in known} == {"enter", "exit"}
     broker.close()
+
+
+def test_whom_no_camera_sees_crosses_a_border_only_when_that_is_sure(
+    site: Site, project: Path, zenoh_router: str
+) -> None:
+    class Ear:
+        def __init__(self) -> None:
+            self.alerts: list[Alert] = []
+
+        def publish(self, alert: Alert, _origin: float) -> None:
+            self.alerts.append(alert)
+
+    with running(site, project, zenoh_router) as service:
+        ear = Ear()
+        service._publishers = [ear] * len(site.zones)  # type: ignore[list-item]
+        t = 1000.0
+        scenes = [(1.5, 1.2, []), (0.3, 1.2, ["enter"]), (1.5, 4.5, ["enter"]), (0.3, 4.5, ["enter", "exit"])]
+        for sigma, y, expected in scenes:
+            for _ in range(30):
+                t += 1 / 15
+                service._take(frame(t, 10.0, y, unseen=sigma), t)
+            assert [alert.kind for alert in ear.alerts] == expected, (sigma, y)

@@ -147,7 +147,9 @@ function tell() {
   if (banner.textContent !== problem) banner.textContent = problem;
   banner.hidden = problem === "";
   const present = people.filter((person) => person.gone === null);
-  const located = present.filter((person) => person.device !== null).length;
+  const seen = present.filter((person) => person.state !== "unseen");
+  const unseen = present.length - seen.length;
+  const located = seen.filter((person) => person.device !== null).length;
   const status = page["atrium-status"];
   status.classList.toggle("bad", problem !== "");
   // What is shown without a connection is memory, not the present.
@@ -156,13 +158,14 @@ function tell() {
     const rate = updatesPerSecond(now);
     const age = (now - heard.frame) / 1000;
     status.textContent =
-      `${count(present.length, "person", "people")}, ${located} with a located phone · ` +
+      `${count(seen.length, "person", "people")}, ${located} with a located phone` +
+      `${unseen > 0 ? `, ${count(unseen, "phone", "phones")} out of view` : ""} · ` +
       `${rate.toFixed(rate < 10 ? 1 : 0)} updates a second · last ${age.toFixed(1)} s ago`;
   } else {
     status.textContent = heard.api && heard.dashboard ? "Waiting for positions" : "Not connected";
   }
   if (state.floor !== null) {
-    const here = present.filter((person) => person.floor === state.floor.id).length;
+    const here = seen.filter((person) => person.floor === state.floor.id).length;
     const name = state.floor.name || state.floor.id;
     canvas.setAttribute("aria-label", `Floor plan of ${name} with ${count(here, "person", "people")}`);
     panels.phones(present, state.site.floors.flatMap((floor) => zonesOn(floor.id)), now);
@@ -252,8 +255,8 @@ setInterval(tell, 500);
 
 // What the map shows, for tests and for the curious in the browser's console.
 window.atrium = {
-  tracks: () => people.map(({ key, track, floor, device, probability, state: how, x, y }) => (
-    { key, track, floor, device, probability, state: how, x, y, screen: view.toScreen(x, y) }
+  tracks: () => people.map(({ key, track, floor, device, probability, state: how, accuracy, x, y }) => (
+    { key, track, floor, device, probability, state: how, accuracy, x, y, screen: view.toScreen(x, y) }
   )),
   get frames() {
     return tracks.frames;

@@ -127,6 +127,9 @@ export function paintPeople(context, view, people, identities, layers, chosen) {
   const carrying = (person) => (person.device === null ? 0 : 1);
   const ordered = [...people].sort((a, b) => carrying(a) - carrying(b));
   if (layers.trails) for (const person of ordered) trail(context, view, person, identities.colourOf(person.device));
+  for (const person of ordered) {
+    if (person.state === "unseen") doubt(context, view, person, identities.colourOf(person.device));
+  }
   for (const person of ordered) dot(context, view, person, identities.colourOf(person.device), chosen);
   for (const person of ordered) if (person.device !== null) label(context, view, person, identities);
 }
@@ -224,12 +227,47 @@ function dot(context, view, person, colour, chosen) {
     context.fillStyle = fade(colour, 0.2);
     context.fill();
   }
+  if (person.state === "unseen") {
+    hollow(context, x, y, radius, colour);
+    context.globalAlpha = 1;
+    return;
+  }
   // Seen this moment: filled. Only expected to be here: hollow.
   const coasting = person.state === "coasting";
   const heading = Math.hypot(person.vx, person.vy) > 0.25 ? Math.atan2(-person.vy, person.vx) : null;
   disc(context, x, y, radius + 2, heading, "#ffffff");
   disc(context, x, y, radius, heading, colour);
   if (coasting) disc(context, x, y, radius - 2.5, null, "#ffffff");
+  context.globalAlpha = 1;
+}
+
+// No camera sees this person: a dashed ring, for a place that steps and radio tell.
+function hollow(context, x, y, radius, colour) {
+  context.beginPath();
+  context.arc(x, y, radius, 0, 2 * Math.PI);
+  context.fillStyle = "#ffffffb0";
+  context.fill();
+  context.setLineDash([4, 3]);
+  context.strokeStyle = colour;
+  context.lineWidth = 2.5;
+  context.stroke();
+  context.setLineDash([]);
+}
+
+// Two standard deviations around it: the person is most likely within.
+function doubt(context, view, person, colour) {
+  if (person.accuracy === null) return;
+  const [x, y] = view.toScreen(person.x, person.y);
+  context.globalAlpha = person.alpha;
+  context.beginPath();
+  context.arc(x, y, 2 * person.accuracy * view.scale, 0, 2 * Math.PI);
+  context.fillStyle = fade(colour, 0.07);
+  context.fill();
+  context.setLineDash([3, 5]);
+  context.strokeStyle = fade(colour, 0.5);
+  context.lineWidth = 1;
+  context.stroke();
+  context.setLineDash([]);
   context.globalAlpha = 1;
 }
 

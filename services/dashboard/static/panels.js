@@ -75,7 +75,7 @@ export class Panels {
         device,
         person,
         here,
-        words: here ? `${place}, ${certainty(person.probability)}` : `not seen for ${ago(silent)}`,
+        words: here ? `${place}, ${how(person)}` : `not seen for ${ago(silent)}`,
       });
     }
     rows.sort((a, b) => Number(b.here) - Number(a.here) || a.name.localeCompare(b.name, undefined, { numeric: true }));
@@ -210,6 +210,12 @@ function words(tag, text) {
 }
 
 // Even-odd rule; a point on the edge may fall either way.
+// How surely is the phone there? Out of every camera's view, what steps and radio tell is right to some metres only.
+function how(person) {
+  if (person.state !== "unseen") return certainty(person.probability);
+  return person.accuracy === null ? "out of view" : `out of view, within ${Math.ceil(2 * person.accuracy)} m`;
+}
+
 function inside(ring, x, y) {
   let within = false;
   for (let i = 0, j = ring.length - 1; i < ring.length; j = i, i += 1) {

@@ -36,6 +36,7 @@ export class Tracks {
       person.device = frame.device[i];
       person.probability = frame.probability[i];
       person.state = frame.state[i];
+      person.accuracy = frame.accuracy?.[i] ?? null;
       person.vx = frame.vx[i];
       person.vy = frame.vy[i];
       person.gone = null;
@@ -50,7 +51,7 @@ export class Tracks {
     this.#areas.clear();
   }
 
-  // Everybody at `now`: [{key, track, floor, device, probability, state, x, y, vx, vy, alpha, trail}].
+  // Everybody at `now`: [{key, track, floor, device, probability, state, accuracy, x, y, vx, vy, alpha, trail}].
   at(now) {
     const everybody = [];
     for (const area of this.#areas.values()) {

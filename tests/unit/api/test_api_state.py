@@ -161,3 +161,17 @@ def test_a_withdrawn_device_is_gone_at_once_from_positions_tracks_and_past_alert
     assert live.alerts(100.0, None, None, 10).alerts[0].device is None
     live.take_tracks(frame(50.1, ["p", "q"]), origin=100.1)  # a frame that was still under way
     assert [position["device"] for position in positions(live, 100.1)] == ["q"]
+
+
+def test_whom_only_a_phone_tells_of_is_located_but_no_second_person(live: LiveState) -> None:
+    seen = frame(50.0, ["p", None])
+    wide = [(0.04, 0.0, 0.04), (9.0, 0.0, 4.0)]
+    live.take_tracks(
+        msgspec.structs.replace(seen, device=["p", "q"], state=["confirmed", "unseen"], covariance=wide), origin=100.0
+    )
+    told = {str(one["device"]): one for one in positions(live, 100.1)}
+    assert told["q"]["state"] == "unseen"
+    assert told["q"]["covariance"] == [9.0, 0.0, 4.0]
+    (entrance,) = [zone for zone in json.loads(live.zones_json(100.1))["zones"] if zone["id"] == "entrance"]
+    assert (entrance["inside"], entrance["unseen"]) == (1, 1)
+    assert [area.people for area in live.areas(100.1)] == [1]

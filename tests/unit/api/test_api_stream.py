@@ -3,9 +3,11 @@
 import asyncio
 import json
 
+import msgspec
 from test_api_state import alert, frame
 
-from services.api.stream import ALERTS_WAITING, Hub, Reader, alert_event
+from services.api.stream import ALERTS_WAITING, Hub, Reader, alert_event, revision_event, tracks_event
+from shared.messages import Revision
 
 ALL = frozenset({"tracks", "alert", "camera"})
 
@@ -33,6 +35,28 @@ def test_a_slow_reader_finds_the_newest_of_each_area_and_all_alerts() -> None:
     waiting = asyncio.run(scenario())
     assert [part.split("data: ")[1] for part in waiting if "tracks" in part] == ["hall-999", "yard-999"]
     assert [json.loads(part.split("data: ")[1])["id"] for part in waiting if "alert" in part] == ["a-1", "a-2"]
+
+
+def test_revisions_are_told_each_and_with_every_point() -> None:
+    async def scenario() -> list[str]:
+        hub = Hub(rate=10.0, keep_alive=5.0, most=2)
+        reader, other = hub.join(frozenset({"revision"}), "hall"), hub.join(ALL, None)
+        for chunk in (1, 2):
+            revision = Revision(t=9.0, area="hall", chunk=chunk, tracker="x", device=["d"], since=[4.0])
+            hub.send("revision", "hall", "hall", revision_event(revision))
+            hub.send("revision", "yard", "yard", revision_event(revision))
+        hub.send("camera", "c", "hall", b"event: camera\ndata: {}\n\n")
+        assert len(await collected(other)) == 1  # who did not ask for revisions gets none
+        return await collected(reader)
+
+    waiting = asyncio.run(scenario())
+    told = [json.loads(part.split("data: ")[1]) for part in waiting]
+    assert [(one["chunk"], one["device"], one["since"]) for one in told] == [(1, ["d"], [4.0]), (2, ["d"], [4.0])]
+
+
+def test_the_stream_says_how_accurate_each_place_is() -> None:
+    one = msgspec.structs.replace(frame(1.0, ["p"]), covariance=[(2.5, 1.5, 2.5)])  # eigenvalues 4 and 1
+    assert json.loads(tracks_event(one).split(b"data: ")[1])["accuracy"] == [2.0]
 
 
 def test_alerts_that_wait_have_a_bound() -> None:

@@ -237,3 +237,34 @@ def test_a_person_is_told_within_a_second_at_any_frame_rate(frames_per_s: int) -
             assert x <= 1.3, "told later than a second after the border"
             return
     raise AssertionError("never told")
+
+
+def held(crossings: Crossings, t: float, track: int, former: tuple[int, ...] = ()) -> list[Crossing]:
+    crossings.hold(t, np.array([track]), [list(former)])
+    return nobody(crossings, t)
+
+
+def test_whose_place_is_not_known_stays_where_they_were_under_whatever_number() -> None:
+    crossings = make()
+    assert kinds(walk(crossings, line((-3, 2), (2, 2), 75)), 0) == ["enter"]
+    for number in range(100):  # ten seconds, far longer than the grace
+        assert held(crossings, 5.0 + number / 10, 7, former=(1,)) == []
+    assert crossings.occupancy.tolist() == [1, 0, 0, 0]
+    assert crossings.tracks.tolist() == [7]
+    # Seen again on the far side of the gate: outside now, and nobody knows which way they went.
+    happened = walk(crossings, line((12, 2), (12, 2), 20), track=7, start=15.0)
+    assert [(one.kind, one.zone) for one in happened] == [("exit", 0)]
+
+
+def test_whose_place_was_never_known_is_nowhere() -> None:
+    crossings = make()
+    assert held(crossings, 0.0, 5) == []
+    assert crossings.tracks.tolist() == []
+
+
+def test_a_disc_is_clear_of_borders_or_not() -> None:
+    index = ZoneIndex([SQUARE, ELL], ["ground", "ground"], MARGIN)
+    x, y = np.array([2.0, 2.0, 3.0, 9.0, 2.0]), np.full(5, 2.0)
+    floor, radius = np.array([0, 0, 0, 0, -1]), np.array([1.0, 2.0, 1.0, 4.0, 99.0])
+    # In the middle, the middle of a wide disc, near an edge, well outside, on a floor without zones.
+    assert index.clear_of_borders(x, y, floor, radius).tolist() == [True, False, False, True, True]

@@ -1,7 +1,9 @@
 """Nothing still under way brings a withdrawn device back."""
 
+import msgspec
+
 from shared.erased import Erased
-from shared.messages import Alert, TrackFrame
+from shared.messages import Alert, Revision, TrackFrame
 
 
 def frame() -> TrackFrame:
@@ -49,3 +51,34 @@ def test_frames_without_erased_devices_are_passed_on_as_they_are() -> None:
     erased.add("somebody else")
     told = frame()
     assert erased.from_tracks(told) is told
+
+
+def test_who_is_followed_by_an_erased_device_alone_is_gone_with_it() -> None:
+    erased = Erased()
+    erased.add("gone")
+    shown = erased.from_tracks(msgspec.structs.replace(frame(), state=["unseen", "confirmed"]))
+    assert shown.track == [2]
+    assert shown.device == ["here"]
+
+
+def test_a_revision_says_nothing_of_an_erased_device() -> None:
+    erased = Erased()
+    said = Revision(
+        t=9.0,
+        area="hall",
+        chunk=1,
+        tracker="x",
+        device=["gone", "here"],
+        since=[4.0, 5.0],
+        of=[0, 1, 1],
+        at=[4.0, 5.0, 6.0],
+        track=[1, 2, 2],
+        x=[0.0, 1.0, 2.0],
+        y=[0.0, 1.0, 2.0],
+        covariance=[(0.1, 0.0, 0.1)] * 3,
+        probability=[0.7, 0.8, 0.9],
+    )
+    assert erased.from_revision(said) is said
+    erased.add("gone")
+    left = erased.from_revision(said)
+    assert (left.device, left.since, left.of, left.at) == (["here"], [5.0], [0, 0], [5.0, 6.0])
