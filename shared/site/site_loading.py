@@ -46,10 +46,17 @@ def _cross_check(site: Site) -> Iterable[str]:
         yield from (
             f"{name}: id {key!r} is used {count} times, ids must differ" for key, count in counts.items() if count > 1
         )
-    addresses = Counter(address.lower() for point in site.access_points for address in point.addresses)
-    for address, count in addresses.items():
-        if count > 1:
-            yield f"access_points: address {address!r} stands at {count} places; one address, one access point"
+    for field, what in (("addresses", "address"), ("receivers", "receiver")):
+        owners: dict[str, list[str]] = {}
+        for point in site.access_points:
+            for name in getattr(point, field):
+                owners.setdefault(name.strip().casefold(), []).append(point.id)
+        for name, points in owners.items():
+            if len(points) > 1:
+                yield (
+                    f"access_points: {what} {name!r} stands at {len(points)} places: {', '.join(points)}; "
+                    f"one {what}, one access point"
+                )
     for index, floor in enumerate(site.floors):
         for key, count in Counter(obstacle.id for obstacle in floor.obstacles).items():
             if count > 1:
