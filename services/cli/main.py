@@ -24,6 +24,7 @@ from services.cli.launcher import LauncherError
 from services.cli.recorder import record as record_bus
 from services.cli.recording import Recording, RecordingError, check_writable
 from shared.bus import Bus, BusError
+from shared.radio import RadioModelError
 from shared.runner import ServiceError
 from shared.settings import DEFAULT_ENDPOINT
 from shared.site import SiteError, load_site
@@ -146,6 +147,7 @@ def replay(
         bool, typer.Option("--verify", help="compute the tracks anew and compare them bit for bit")
     ] = False,
     site: Annotated[str | None, typer.Option(help="site file; by default the one named in the recording")] = None,
+    radio_model: Annotated[Path | None, typer.Option(help="trained radio model fusion had, with --verify")] = None,
     bus: Annotated[str | None, typer.Option(help="send the recorded sensors to this Zenoh router instead")] = None,
     pace: Annotated[float, typer.Option(min=0.01, help="times the recorded speed, with --bus")] = 1.0,
 ) -> None:
@@ -159,12 +161,12 @@ def replay(
             return
         site_file = find_site(site) if site else opened.site_file
         if verify:
-            verdicts = player.verify(opened, load_site(site_file))
+            verdicts = player.verify(opened, load_site(site_file), radio_model)
             for verdict in verdicts:
                 console.print(str(verdict))
             raise typer.Exit(0 if verdicts and all(verdict.identical for verdict in verdicts) else 1)
         console.print(player.describe(opened))
-    except (LauncherError, RecordingError, SiteError, BusError) as error:
+    except (LauncherError, RecordingError, SiteError, BusError, RadioModelError) as error:
         console.print(f"[red]{escape(str(error))}[/red]")
         raise typer.Exit(1) from error
 

@@ -53,7 +53,11 @@ def record(
     for kind, key_of in TOPICS.items():
         inbox.subscribe(key_of(keys), kind, cached=kind is CameraStatus)
     with RecordingWriter(out, site.site, site_file.resolve()) as writer:
-        joining = _Joining({area: state.chunk for area, _, state in _states(bus, keys.fusion_state())})
+        running = list(_states(bus, keys.fusion_state()))
+        for area, answer, state in running:
+            if state.chunk < 0:  # nothing consumed yet: its answer still names tracker and seed
+                writer.attach_state(area, answer, time.time())
+        joining = _Joining({area: state.chunk for area, _, state in running})
         next_report = 0.0
         while True:
             last_round = stopping.is_set()

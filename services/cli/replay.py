@@ -7,6 +7,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from services.cli.recording import INPUT_KINDS, Consumed, Recording
 from services.fusion.registry import DEFAULT_TRACKER
@@ -55,9 +56,9 @@ class Verdict:
         return words
 
 
-def verify(recording: Recording, site: Site) -> list[Verdict]:
-    """Recompute the tracks of every recorded area and compare."""
-    return [_verify_area(recording, site, area) for area in recording.areas()]
+def verify(recording: Recording, site: Site, radio_model: Path | None = None) -> list[Verdict]:
+    """Recompute the tracks of every recorded area, with the trained radio model fusion had, if any, and compare."""
+    return [_verify_area(recording, site, area, radio_model) for area in recording.areas()]
 
 
 def play(recording: Recording, bus: Bus, pace: float, stopping: threading.Event) -> int:
@@ -96,7 +97,7 @@ def describe(recording: Recording) -> str:
     return "\n".join(lines)
 
 
-def _verify_area(recording: Recording, site: Site, area: str) -> Verdict:
+def _verify_area(recording: Recording, site: Site, area: str, radio_model: Path | None) -> Verdict:
     chunks: deque[Consumed] = deque()
     after_restart = 0
 
@@ -114,7 +115,8 @@ def _verify_area(recording: Recording, site: Site, area: str) -> Verdict:
     tracker = next((one.tracks.tracker for one in recording.consumed(area) if one.tracks), DEFAULT_TRACKER)
     recorded_revisions = recording.revisions(area)
     different, first_difference, frames, revisions, unrecorded, missing = 0, None, 0, 0, 0, 0
-    for frame, revision in replay_steps(recorded_chunks(), site, area, recording.state(area), tracker):
+    state = recording.state(area)
+    for frame, revision in replay_steps(recorded_chunks(), site, area, state, tracker, radio_model=radio_model):
         consumed = chunks.popleft()
         while consumed.mark.chunk != frame.chunk:  # older than the state the recording begins with
             consumed = chunks.popleft()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from services.fusion.area_view import AreaView
 from services.fusion.registry import DEFAULT_TRACKER, make_tracker
 from services.fusion.tracker import Chunk
+from services.fusion.trained_view import trained_view
 from shared.messages import (
     ChunkMark,
     DetectionFrame,
@@ -68,6 +69,7 @@ def replay_steps(
     state: bytes | None = None,
     tracker: str = DEFAULT_TRACKER,
     seed: int = 0,
+    radio_model: Path | None = None,
 ) -> Iterator[tuple[TrackFrame, Revision | None]]:
     """Yield the tracks of each recorded chunk and what they revised, if anything.
 
@@ -79,16 +81,18 @@ def replay_steps(
             answered; chunks up to that state are skipped. None: the recording began before fusion's first chunk.
         tracker: which tracker runs where there is no state.
         seed: its seed.
+        radio_model: the trained model fusion had, if it had one.
 
     Raises:
         TrackerStateError: the state does not fit the tracker or the site.
         KeyError: the area or the tracker is unknown.
+        RadioModelError: the radio model cannot be used.
     """
     done, begun = -1, False
     answer = None if state is None else msgspec.json.decode(state, type=StateAnswer)
     if answer is not None:
         tracker, seed, done = answer.tracker, answer.seed, answer.chunk
-    machine = make_tracker(tracker, AreaView.of(site, area), seed)
+    machine = make_tracker(tracker, trained_view(site, area, radio_model), seed)
     if answer is not None and done >= 0:
         machine.restore(msgspec.json.encode(answer.state))
     for mark, inputs in chunks:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import threading
 import time
 from collections import Counter as Count
@@ -22,13 +21,14 @@ from services.fusion.rescore.desk import RescoreDesk
 from services.fusion.rescore.recent import RecentChunks
 from services.fusion.settings import FusionSettings
 from services.fusion.state_file import StateFile
-from services.fusion.tracker import TrackerStateError
+from services.fusion.tracker import Complaining, TrackerStateError
+from services.fusion.trained_view import trained_view
 from services.fusion.two_places import TwoPlaces
 from services.fusion.watch import Watch
 from shared.bus import DROPPED as BUS_DROPPED
 from shared.bus import Bus, Delivery, Trace
 from shared.messages import ChunkMark, DetectionFrame, Erasure, Message, MotionBatch, RadioScan, Revision, TrackFrame
-from shared.radio import RadioModelError, read_radio_model
+from shared.radio import RadioModelError
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
@@ -226,7 +226,8 @@ class FusionService(Service[FusionSettings]):
         for reason, count in (self._counted - self._exported).items():
             DROPPED.labels(reason).inc(count)
         self._exported = Count(self._counted)
-        self._watch.look({**self._counted, **_lost_on_the_bus()}, self._people, time.monotonic())
+        complaints = self.tracker.complaints() if isinstance(self.tracker, Complaining) else []
+        self._watch.look({**self._counted, **_lost_on_the_bus()}, complaints, self._people, time.monotonic())
         self._state_file.save_if_due(self._chunk)
 
     # -- across restarts ---------------------------------------------------------------------------------------------
@@ -251,16 +252,10 @@ class FusionService(Service[FusionSettings]):
 
 
 def _view_of(settings: FusionSettings, site: Site, area: str) -> AreaView:
-    view = AreaView.of(site, area)
-    if settings.radio_model is None:
-        return view
     try:
-        model = read_radio_model(settings.radio_model, site.site, view.radio.names)
+        return trained_view(site, area, settings.radio_model)
     except RadioModelError as error:
         raise SettingsError(f"radio_model: {error}; set by --radio-model or ATRIUM_RADIO_MODEL") from error
-    # Where the access points stand is for the site file to say.
-    radio = dataclasses.replace(model.path_loss, positions=view.radio.positions)
-    return dataclasses.replace(view, radio=radio, shadowing=model.shadowing)
 
 
 def _lost_on_the_bus() -> Count[str]:

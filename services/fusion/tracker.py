@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from shared.messages import DetectionFrame, Erasure, MotionBatch, RadioScan, Revision, TrackFrame
 
-__all__ = ["Chunk", "Tracker", "TrackerStateError"]
+__all__ = ["Chunk", "Complaining", "Tracker", "TrackerStateError"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,4 +75,13 @@ class Tracker(Protocol):
         Raises:
             TrackerStateError: the bytes are no such state; the tracker is then unchanged.
         """
+        ...
+
+
+@runtime_checkable
+class Complaining(Protocol):
+    """A tracker that finds out what is wrong with its sensors; none has to."""
+
+    def complaints(self) -> list[str]:
+        """Return, in plain words for the health page, what is wrong now: a camera's clock, say."""
         ...

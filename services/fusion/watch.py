@@ -6,7 +6,7 @@ Pure but for the health it tells: time comes in as an argument.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from services.fusion.reasons import coarse, explain
 from shared.runner import Health
@@ -49,11 +49,12 @@ class Watch:
         """Note radio or motion of any device."""
         self._last_phone = now
 
-    def look(self, counted: Mapping[str, int], people: int, now: float) -> None:
+    def look(self, counted: Mapping[str, int], complaints: Sequence[str], people: int, now: float) -> None:
         """Tell what is wrong now.
 
         Args:
             counted: how often each reason was counted since the service began.
+            complaints: what the tracker finds wrong with its sensors.
             people: how many people are tracked now.
             now: monotonic, s.
         """
@@ -66,6 +67,7 @@ class Watch:
                 silent >= self._camera_silence,
             )
         self._look_at_phones(people, now)
+        self._tell("sensors", "; ".join(complaints), bool(complaints))
         if now - self._counts[-1][0] >= SAMPLE:
             self._look_at_counts(Counter(counted), now)
 
