@@ -150,7 +150,8 @@ class Obstacles:
     def first_crossing(self, start: Array, end: Array) -> tuple[Array, Indices]:
         """Return where ways from (n, 2) ``start`` to (n, 2) ``end`` first cross a piece.
 
-        A way that starts inside a solid, where an estimate may lie, may leave it.
+        A way that starts inside a solid, where an estimate may lie, is free: its faces, and walls drawn along them, must
+        not keep anybody in.
 
         Returns:
             (n,) the share of each way before it, 1 where nothing is crossed, and (n,) which piece, -1 for none.
@@ -164,7 +165,7 @@ class Obstacles:
         part = left / (left - right)
         at = begin[crossing] + part * (stop - begin)[crossing]
         hits = (at >= -1e-9) & (at <= self.lines[4][piece] + 1e-9)
-        hits &= ~(self._stuck(start, way)[way] & self.solid[piece])
+        hits &= ~self._stuck(start, way)[way]
         order = np.flatnonzero(hits)
         order = order[np.lexsort((-part[order], way[order]))]  # the last one written, the nearest, stays
         share[way[order]], wall[way[order]] = part[order], piece[order]

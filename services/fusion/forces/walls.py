@@ -18,7 +18,7 @@ GAP = 0.05
 def walkable_share(start: Array, end: Array, obstacles: Obstacles) -> Array:
     """Return (n,) which share of the way from (n, 2) ``start`` to (n, 2) ``end`` is free of walls and edges: 0 to 1.
 
-    A way that starts inside a solid, where an estimate may lie, is free as far as it leads out.
+    A way that starts inside a solid, where an estimate may lie, is free.
     """
     return obstacles.first_crossing(start, end)[0]
 

@@ -124,6 +124,12 @@ def test_an_estimate_inside_an_obstacle_may_walk_out_of_it() -> None:
     np.testing.assert_array_equal(stay_walkable(start, end, IN_ROOM), end)
 
 
+def test_an_estimate_behind_an_outer_wall_comes_back_in() -> None:
+    walled = FloorPlan.build([(0, 0), (10, 0), (10, 8), (0, 8)], walls=[[(0, 0), (10, 0)]])
+    start, end = np.array([[5.0, -0.2]]), np.array([[5.0, 0.4]])
+    np.testing.assert_array_equal(stay_walkable(start, end, Obstacles.of_plan(walled)), end)
+
+
 def test_places_that_are_not_known_stay_unknown() -> None:
     nowhere = np.full((1, 2), np.nan)
     assert walkable_share(nowhere, np.zeros((1, 2)), IN_ROOM)[0] == 1.0
