@@ -150,8 +150,8 @@ class Obstacles:
     def first_crossing(self, start: Array, end: Array) -> tuple[Array, Indices]:
         """Return where ways from (n, 2) ``start`` to (n, 2) ``end`` first cross a piece.
 
-        A way that starts inside a solid, where an estimate may lie, is free: its faces, and walls drawn along them, must
-        not keep anybody in.
+        A way that starts inside a solid, where an estimate may lie, is free: its faces, and walls drawn along them,
+        must not keep anybody in.
 
         Returns:
             (n,) the share of each way before it, 1 where nothing is crossed, and (n,) which piece, -1 for none.
