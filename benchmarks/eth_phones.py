@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import sys
 
+import numpy as np
 from rich.progress import Progress
 
 from benchmarks.eth_recording import eth_carriers, eth_recording
 from benchmarks.experiment import Experiment, Figures, Options
-from benchmarks.phone_folds import POINTS, Case, Split, add_options, draw_curves, measure
+from benchmarks.phone_folds import EMULATED, POINTS, SCORED, Case, Split, add_options, draw_curves, measure
 from benchmarks.phones_on_tracks import AROUND, between, phones_on
 
 __all__ = ["EXPERIMENT", "eth_halves", "main"]
@@ -22,14 +23,17 @@ LEAD = 10.0
 
 def eth_halves(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[Split]:
     """Return the second half of the recording, taught by the first: other people, other phones."""
-    recording = eth_recording(points)
-    record = phones_on(recording, eth_carriers(seed), seed, every=every)
+    recording, carriers = eth_recording(points), eth_carriers(seed)
+    record = phones_on(recording, carriers, seed, every=every)
     begin, half, end = recording.t[0], recording.t[len(recording.t) // 2], recording.t[-1]
+    late = recording.position[recording.t >= half - LEAD]
+    staying = {recording.person[column] for column in np.unique(np.nonzero(np.isfinite(late[..., 0]))[1]).tolist()}
+    teachers = phones_on(recording, [one for one in carriers if one not in staying], seed, every=every)
     return [
         Split(
             test=between(record, half - LEAD, end + AROUND + 1.0),
             start=float(half),
-            teach=between(record, begin - AROUND - 1.0, half - LEAD),
+            teach=between(teachers, begin - AROUND - 1.0, half - LEAD),
         )
     ]
 
@@ -49,7 +53,25 @@ EXPERIMENT = Experiment(
     seed=100,
     run=run,
     arguments=add_options,
+    at_least={
+        "idf1_5s_new": 0.58,
+        "idf1_5s_warm": 0.84,
+        "precision_5s_warm": 0.85,
+        "recall_5s_warm": 0.70,
+    },
     picture="F1 of located trajectories against access points and against the time between scans",
+    made=f"""eth-walking, seq_eth: 360 real pedestrians, marked by hand 2.5 times a second. A camera is emulated:
+7.5 frames a second, positions between the marks, lasting errors of 0.12 m and white ones of 0.08 m, 8 % misses that
+last, a false detection every ten frames; people who stand close are still two detections. A fifth of the people carry
+a phone, half of these walk in a group of which nobody else does. Six access points around the scene.
+
+{EMULATED}
+
+{SCORED}
+
+The second half of the recording is scored, `new` and `warm` alike. `warm`: constants and a shadowing map were learned
+without truth from the tracker's own tracks and names in the first half, from other people's phones. The median person
+is in view for nine seconds. Credit: Pellegrini et al., ICCV 2009 (none is shipped).""",
 )
 
 
