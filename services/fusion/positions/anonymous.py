@@ -1,130 +1,57 @@
 """Where is everybody? An anonymous tracker on the ground plane: one Kalman bank, one assignment per camera frame.
 
-Gated global nearest neighbour on Mahalanobis² + log det; tracks are confirmed by enough confident detections over
-enough time, coast through misses, and die sooner where they leave the view. Every duration is in seconds, because
-cameras deliver anything from 2 to 30 frames a second.
+Gated global nearest neighbour on Mahalanobis² + log det; a track that costs too much is rather missed. Tracks are
+confirmed by enough confident detections over enough time. Of a track that is missed, the probability that the person is
+still there falls with a hazard per state: fast where it leaves the view, in a second or two where it was moving, ten
+times as slowly where it stood still, because detectors with a background model lose people who stand. Cameras' clocks
+are compared by people whom two of them see. Every duration is in seconds, because cameras deliver anything from 2 to
+30 frames a second.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, fields
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from services.fusion.area_view import AreaView
 from services.fusion.positions import kalman_bank
-from services.fusion.snapshot import counts, unpack
+from services.fusion.positions.assignment import assign
+from services.fusion.positions.camera_clocks import CameraClocks
+from services.fusion.positions.settings import AnonymousSettings
+from services.fusion.positions.track_table import TrackTable
+from services.fusion.snapshot import counts
 from shared.messages import DetectionFrame
 
 __all__ = ["AnonymousLayer", "AnonymousSettings", "TrackTable"]
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 MOST_CAMERAS = 63
 """Which cameras fed a track is kept as bits of a signed 64-bit integer."""
-FORBIDDEN = 1e6
-"""Cost of a pair outside the gate; larger than any sum of costs inside."""
-
-
-@dataclass(frozen=True)
-class AnonymousSettings:
-    """How people move and how cameras err; the defaults suit walking people anywhere."""
-
-    acceleration: float = 0.2
-    """Spectral density of the white acceleration, m²/s³."""
-    start_speed: float = 1.0
-    """Standard deviation of a new person's velocity along each axis, m/s."""
-    gate: float = 3.0
-    """Standard deviations, and ``gate_distance`` metres: farther detections never belong to a track."""
-    gate_distance: float = 2.0
-    tentative_penalty: float = 6.0
-    """Added to an unconfirmed track's cost: at equal distance the established track gets the detection."""
-    birth_confidence: float = 0.3
-    birth_exclusion: float = 0.8
-    """Metres around an established track within which an unmatched detection is taken for its double."""
-    confirm_confidence: float = 2.0
-    """Sum of confidences, number of detections and age in seconds that confirm a track."""
-    confirm_hits: int = 3
-    confirm_age: float = 0.5
-    tentative_patience: float = 0.25
-    """Seconds of misses after which an unconfirmed track dies."""
-    coast: float = 2.0
-    """Seconds of misses after which a confirmed track dies."""
-    coast_leaving: float = 0.3
-    """The same where the track leaves the view."""
-    leaving_depth: float = 0.3
-    """Metres from the border of the view, ``look_ahead`` seconds from now, that count as leaving."""
-    look_ahead: float = 0.3
-    forget: float = 10.0
-    """Seconds without any detection, cameras silent or not, after which a track dies."""
-    set_back: float = 1.0
-    """Seconds by which a frame must be older than the newest to be no late frame but of a clock set back."""
-    slow_down: float = 2.8
-    """Time constant with which an unseen person's assumed velocity fades, seconds."""
-    report: float = 0.5
-    """Seconds of misses during which a coasting track is still told."""
-    longest_interval: float = 1.0
-    """Seconds; a camera silent for longer has not missed anybody meanwhile."""
-
-
-@dataclass
-class TrackTable:
-    """All tracks, one row each."""
-
-    ids: NDArray[np.int64]
-    mean: Array
-    covariance: Array
-    born: Array
-    seen: Array
-    missed: Array
-    hits: NDArray[np.int64]
-    score: Array
-    confirmed: NDArray[np.bool_]
-    quality: Array
-    camera: NDArray[np.int64]
-    fed: NDArray[np.int64]
-
-    @classmethod
-    def empty(cls) -> TrackTable:
-        """Return a table without rows."""
-        integers, numbers = np.zeros(0, np.int64), np.zeros(0)
-        return cls(
-            ids=integers,
-            mean=np.zeros((0, 4)),
-            covariance=np.zeros((0, 4, 4)),
-            born=numbers,
-            seen=numbers,
-            missed=numbers,
-            hits=integers,
-            score=numbers,
-            confirmed=np.zeros(0, np.bool_),
-            quality=numbers,
-            camera=integers,
-            fed=integers,
-        )
-
-    def keep(self, rows: NDArray[np.bool_]) -> None:
-        """Drop all other rows."""
-        for name in _COLUMNS:
-            setattr(self, name, getattr(self, name)[rows])
-
-    def append(self, other: TrackTable) -> None:
-        """Add the rows of another table."""
-        for name in _COLUMNS:
-            setattr(self, name, np.concatenate([getattr(self, name), getattr(other, name)]))
-
-
-_COLUMNS = tuple(field.name for field in fields(TrackTable))
+LIFETIMES = 3.0
+"""A track is dead once its probability of being there has fallen to exp(−this)."""
+SLACK = 1e-6
+"""Of probabilities, so that as many misses mean the same at any time of day."""
+DEAD = math.exp(-LIFETIMES) * (1.0 + SLACK)
+QUALITY_TIME = 3.0
+"""Seconds over which ``quality`` averages."""
 
 
 class AnonymousLayer:
-    """Tracks of one area; feed it frames in the order they were consumed."""
+    """Tracks of one area; feed it frames in the order they were consumed.
+
+    Attributes:
+        tracks: see ``TrackTable``; ``told()`` says which of them are people to be told of.
+        t: the newest time, by most cameras' clocks.
+        clocks: how the cameras' clocks differ; their frames' times are set right by it.
+        ignored: how much could not be used, by reason.
+    """
 
     def __init__(self, view: AreaView, settings: AnonymousSettings | None = None) -> None:
         if len(view.views) > MOST_CAMERAS:
@@ -135,13 +62,24 @@ class AnonymousLayer:
         self._camera_number = {camera: number for number, camera in enumerate(self.cameras)}
         self.tracks = TrackTable.empty()
         self.t = -math.inf
+        self.clocks = CameraClocks(self.cameras)
+        self.ignored: Counter[str] = Counter()
         self._next_id = 1
         self._last_frame: dict[str, float] = {}
-        self.ignored: Counter[str] = Counter()
 
     def begin_chunk(self) -> None:
         """Forget which cameras fed the tracks before."""
-        self.tracks.fed = np.zeros_like(self.tracks.fed)
+        self.tracks.fed.fill(0)
+
+    def new_id(self) -> int:
+        """Return a track id that no track has had or will have, for somebody whom no camera sees."""
+        self._next_id += 1
+        return self._next_id - 1
+
+    def told(self) -> Flags:
+        """Return which tracks (n,) are people more likely there than not."""
+        told: Flags = self.tracks.confirmed & (self.tracks.existence >= self.settings.told * (1.0 - SLACK))
+        return told
 
     def observe(self, frame: DetectionFrame) -> None:
         """Take in what one camera saw."""
@@ -149,21 +87,23 @@ class AnonymousLayer:
         if number is None or frame.floor != self.view.floor or not math.isfinite(frame.t):
             self.ignored["frame of an unknown camera or floor"] += 1
             return
-        known, s = math.isfinite(self.t), self.settings
-        if known and (frame.t - self.t > s.forget or frame.t < self.t - s.set_back):
+        s = self.settings
+        t = frame.t - float(self.clocks.offsets[number])
+        if math.isfinite(self.t) and (t - self.t > s.forget or t < self.t - s.set_back):
             # A long silence or a clock set back: who stands there now is not known to be who stood there then.
             self.tracks.keep(np.zeros(len(self.tracks.ids), np.bool_))
             self._last_frame.clear()
-            self.t = frame.t
+            self.t = t
         positions, noise, confidence = self._usable(frame)
-        self._advance(frame.t)
-        lag = self.t - frame.t
-        interval = frame.t - self._last_frame.get(frame.camera, frame.t)
-        self._last_frame[frame.camera] = max(frame.t, self._last_frame.get(frame.camera, frame.t))
-        interval = interval if 0.0 < interval <= self.settings.longest_interval else 0.0
+        self._advance(t)
+        lag = self.t - t
+        before = self._last_frame.get(frame.camera, frame.t)
+        interval = frame.t - before
+        self._last_frame[frame.camera] = max(frame.t, before)
+        interval = interval if 0.0 < interval <= s.longest_interval else 0.0
         free = self._match(number, frame.t, lag, positions, noise, confidence, interval)
         if len(free):
-            self._give_birth(number, frame.t, positions[free], noise[free], confidence[free])
+            self._give_birth(number, frame.t, t, positions[free], noise[free], confidence[free])
 
     def state(self) -> dict[str, Any]:
         """Return a copy of all that is known."""
@@ -172,7 +112,8 @@ class AnonymousLayer:
             "next_id": self._next_id,
             "last_frame": dict(self._last_frame),
             "ignored": dict(self.ignored),
-            "tracks": {name: getattr(self.tracks, name).copy() for name in _COLUMNS},
+            "clocks": self.clocks.state(),
+            "tracks": self.tracks.state(),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -181,13 +122,12 @@ class AnonymousLayer:
         Raises:
             KeyError, TypeError, ValueError: it is no such state.
         """
-        table = TrackTable(**{name: unpack(state["tracks"][name]) for name in _COLUMNS})
+        table, clocks = TrackTable.restored(state["tracks"]), CameraClocks(self.cameras)
+        clocks.restore(state["clocks"])
         t, next_id, ignored = state["t"], int(state["next_id"]), counts(state["ignored"])
         last_frame = {str(camera): float(when) for camera, when in state["last_frame"].items()}
-        if {len(getattr(table, name)) for name in _COLUMNS} != {len(table.ids)}:
-            raise msgspec.ValidationError("track columns of different lengths")
         self.tracks, self.t, self._next_id, self.ignored = table, -math.inf if t is None else float(t), next_id, ignored
-        self._last_frame = last_frame
+        self._last_frame, self.clocks = last_frame, clocks
 
     def _usable(self, frame: DetectionFrame) -> tuple[Array, Array, Array]:
         """Return position (n, 2), covariance (n, 2, 2), confidence (n,) of the usable detections, in canonical order.
@@ -213,15 +153,22 @@ class AnonymousLayer:
         tracks, s = self.tracks, self.settings
         if t > self.t and len(tracks.ids):
             dt = min(t - self.t, s.forget)
+            resting = tracks.resting.nonzero()[0]
+            if len(resting):
+                held = kalman_bank.hold(
+                    tracks.mean[resting], tracks.covariance[resting], dt, s.rest_diffusion, s.start_speed
+                )
             kalman_bank.predict(tracks.mean, tracks.covariance, dt, s.acceleration)
             unseen = tracks.missed > 0.0
             if unseen.any():
                 tracks.mean[unseen, 2:] *= math.exp(-dt / s.slow_down)
+            if len(resting):
+                tracks.mean[resting], tracks.covariance[resting] = held
         self.t = max(self.t, t)
 
     def _match(
-        self, camera: int, t: float, lag: float, positions: Array, noise: Array, confidence: Array, interval: float
-    ) -> NDArray[np.int64]:
+        self, camera: int, clock: float, lag: float, positions: Array, noise: Array, confidence: Array, interval: float
+    ) -> Integers:
         """Give detections to tracks, count misses, bury the dead; return which detections are left."""
         tracks, s = self.tracks, self.settings
         count, found = len(tracks.ids), len(positions)
@@ -229,89 +176,173 @@ class AnonymousLayer:
         if not count:
             return free
         hit = np.zeros(count, np.bool_)
+        beside = None
         if found:
             distance, mahalanobis, log_det = kalman_bank.innovations(
                 tracks.mean, tracks.covariance, positions, noise, lag
             )
-            inside = (mahalanobis < s.gate**2) & (distance < s.gate_distance**2)
-            cost = mahalanobis + log_det + np.where(tracks.confirmed, 0.0, s.tentative_penalty)[:, None]
-            rows, columns = linear_sum_assignment(np.where(inside, cost, FORBIDDEN))
-            allowed = inside[rows, columns]
-            rows, columns = rows[allowed], columns[allowed]
+            log_det += np.where(tracks.confirmed, -2.0 * np.log(tracks.existence), s.tentative_penalty)[:, None]
+            near = distance < s.gate_distance**2
+            if tracks.resting.any():
+                near &= ~tracks.resting[:, None] | (distance < s.rest_gate**2)
+            cost = np.where(near & (mahalanobis < s.gate**2), mahalanobis + log_det, s.dearest)
+            rows, columns = assign(cost, s.dearest)
             if len(rows):
-                self._feed(rows, camera, t, lag, positions[columns], noise[columns], confidence[columns])
+                self._feed(rows, camera, clock, lag, positions[columns], noise[columns], confidence[columns])
                 hit[rows] = True
-                taken = np.zeros(found, np.bool_)
-                taken[columns] = True
-                # What lies beside an established track, or beside one another camera just saw, is its double.
-                established = tracks.confirmed | ((tracks.camera != camera) & (t - tracks.seen < s.confirm_age))
-                double = (established[:, None] & (distance < s.birth_exclusion**2)).any(axis=0)
-                free = np.flatnonzero(~taken & ~double)
-        self._count_misses(camera, t, hit, interval)
+                beside = distance[:, columns]
+                if len(columns) < found:
+                    # What lies beside an established track, or beside one another camera just saw, is its double.
+                    established = tracks.confirmed | (
+                        (tracks.camera != camera) & (self.t - lag - tracks.seen < s.confirm_age)
+                    )
+                    alone = ~(established[:, None] & (distance < s.birth_exclusion**2)).any(axis=0)
+                    alone[columns] = False
+                    free = alone.nonzero()[0]
+                else:
+                    free = free[:0]
+        if interval:
+            self._grade(hit, interval)
+            if not hit.all():
+                self._count_misses(camera, self.t - lag, ~hit, beside, interval)
         return free
 
     def _feed(
-        self, rows: NDArray[np.int64], camera: int, t: float, lag: float, positions: Array, noise: Array, weight: Array
+        self, rows: Integers, camera: int, clock: float, lag: float, positions: Array, noise: Array, weight: Array
     ) -> None:
         tracks, s = self.tracks, self.settings
-        tracks.mean[rows], tracks.covariance[rows] = kalman_bank.update(
-            tracks.mean[rows], tracks.covariance[rows], positions, noise, lag
-        )
-        tracks.seen[rows] = np.maximum(tracks.seen[rows], t)
+        t = self.t - lag
+        common = s.lasting * noise
+        if len(self.cameras) > 1:
+            # The lasting errors of two cameras are not the same.
+            common[(tracks.camera[rows] != camera) & (t - tracks.seen[rows] < QUALITY_TIME)] *= 0.5
+            fixes, velocity = tracks.fix[rows], tracks.mean[rows, 2:]
+            self.clocks.learn(camera, clock, tracks.camera[rows], fixes, velocity, positions)
+            tracks.fix[rows, :2] = positions
+            tracks.fix[rows, 2] = clock
+        mean, covariance = kalman_bank.update(tracks.mean[rows], tracks.covariance[rows], positions, noise, lag)
+        tracks.mean[rows], tracks.covariance[rows] = mean, covariance
+        tracks.common[rows] = common
+        seen = tracks.seen[rows]
+        newer = np.maximum(seen, t)
+        settled = np.exp((seen - newer) / s.still_time)[:, None]
+        tracks.anchor[rows] = mean[:, :2] + settled * (tracks.anchor[rows] - mean[:, :2])
+        tracks.seen[rows] = newer
+        if not tracks.walked.all():
+            tracks.walked[rows] |= ((mean[:, :2] - tracks.origin[rows]) ** 2).sum(axis=1) > s.walked**2
+        if tracks.resting.any():
+            tracks.woke[rows[tracks.resting[rows]]] = t
+            tracks.resting[rows] = False
         tracks.missed[rows] = 0.0
+        tracks.existence[rows] = 1.0
         tracks.hits[rows] += 1
         tracks.score[rows] += weight
         tracks.camera[rows] = camera
         tracks.fed[rows] |= 1 << camera
         if not tracks.confirmed.all():
-            tracks.confirmed |= (
-                (tracks.score >= s.confirm_confidence)
+            grown = (
+                ~tracks.confirmed
+                & (tracks.score >= s.confirm_confidence)
                 & (tracks.hits >= s.confirm_hits)
                 & (tracks.seen - tracks.born >= s.confirm_age)
             )
+            tracks.confirmed |= grown
+            for row in grown.nonzero()[0].tolist():
+                self._recognise(row)
 
-    def _count_misses(self, camera: int, t: float, hit: NDArray[np.bool_], interval: float) -> None:
-        """A track is missed by a camera that sees its place, did not see it, and has nobody else who just did."""
+    def _recognise(self, row: int) -> None:
+        """Give a newcomer who walks away from a resting track that track's id: it is the person who rested there.
+
+        A background model that has learned a person takes the floor they left for them, a ghost, and so the resting
+        track may go on being fed; it keeps the newcomer's id and may rest no more.
+        """
         tracks, s = self.tracks, self.settings
-        share = 1.0 - math.exp(-interval / 3.0)
-        tracks.quality[hit] += share * (1.0 - tracks.quality[hit])
-        if hit.all():
+        away = np.hypot(*(tracks.mean[:, :2] - tracks.origin[row]).T)
+        left = tracks.resting | (np.abs(tracks.woke - tracks.born[row]) <= s.rose_time)
+        still = ((tracks.mean[:, :2] - tracks.anchor) ** 2).sum(axis=1) < s.still_radius**2
+        left &= still & tracks.confirmed & (away < s.rose_distance)
+        left[row] = False
+        moving = ((tracks.mean[row, :2] - tracks.anchor[row]) ** 2).sum() > (0.5 * s.still_radius) ** 2
+        if not moving or not left.any():
             return
-        places = tracks.mean[:, :2]
-        in_view = self.view.views[self.cameras[camera]].depth_at(places) > 0.0
-        missed = ~hit & in_view & (t - tracks.seen >= 0.9 * interval)
-        tracks.missed[missed] += interval
-        tracks.quality[missed] *= 1.0 - share
-        ahead = places + s.look_ahead * tracks.mean[:, 2:]
-        leaving = self.view.everywhere.depth_at(ahead) < s.leaving_depth
-        gone = self.view.everywhere.depth_at(places) <= 0.0
-        absent = np.where(gone, np.maximum(tracks.missed, t - tracks.seen), tracks.missed)
-        patience = np.where(tracks.confirmed, np.where(leaving, s.coast_leaving, s.coast), s.tentative_patience)
-        dead = ~hit & ((absent >= patience) | (t - tracks.seen >= s.forget))
+        old = int(np.argmin(np.where(left, away, np.inf)))
+        for column in (tracks.ids, tracks.born, tracks.walked, tracks.origin):
+            column[[old, row]] = column[[row, old]]
+        if tracks.resting[old]:
+            tracks.existence[old] = 0.0
+
+    def _grade(self, hit: Flags, interval: float) -> None:
+        """Let the quality of tracks that were seen rise."""
+        quality = self.tracks.quality
+        quality[hit] = 1.0 - math.exp(-interval / QUALITY_TIME) * (1.0 - quality[hit])
+
+    def _count_misses(self, camera: int, t: float, unseen: Flags, beside: Array | None, interval: float) -> None:
+        """A track is missed by a camera that sees its place, did not see it, and has nobody else who just did.
+
+        Args:
+            camera: number of the camera.
+            t: time of its frame.
+            unseen: (n,) tracks that it did not see.
+            beside: (n, k) squared distances to the detections that other tracks got; None for none.
+            interval: seconds since its frame before.
+        """
+        tracks, s = self.tracks, self.settings
+        rows = unseen.nonzero()[0]
+        places, seen = tracks.mean[rows, :2], tracks.seen[rows]
+        depth = self.view.everywhere.depth_at(places)
+        looks = depth <= 0.0
+        looks |= self.view.views[self.cameras[camera]].depth_at(places) > 0.0 if len(self.cameras) > 1 else True
+        looks &= t - seen >= 0.9 * interval
+        rows, places, depth, seen = rows[looks], places[looks], depth[looks], seen[looks]
+        if len(rows):
+            # However many cameras look, a second without a detection is one second.
+            elapsed = np.minimum(np.maximum(t - np.maximum(seen, tracks.looked[rows]), 0.0), interval)
+            tracks.looked[rows] = np.maximum(tracks.looked[rows], t)
+            tracks.missed[rows] += elapsed
+            tracks.quality[rows] *= np.exp(-elapsed / QUALITY_TIME)
+            still = ((places - tracks.anchor[rows]) ** 2).sum(axis=1) < s.still_radius**2
+            tracks.resting[rows] |= still & tracks.confirmed[rows] & tracks.walked[rows] & (tracks.missed[rows] > 0.0)
+            hazard = self._hazard(rows, places, depth, None if beside is None else beside[rows])
+            tracks.existence[rows] *= np.exp(-hazard * elapsed)
+        dead = unseen & ((tracks.existence <= DEAD) | (~tracks.resting & (t - tracks.seen >= s.forget)))
         if dead.any():
             tracks.keep(~dead)
 
-    def _give_birth(self, camera: int, t: float, positions: Array, noise: Array, confidence: Array) -> None:
+    def _hazard(self, rows: Integers, places: Array, depth: Array, beside: Array | None) -> Array:
+        """Return (m,) by how much of itself each second of misses lowers the existence of tracks in ``rows``.
+
+        Args:
+            rows: (m,).
+            places: (m, 2) metres.
+            depth: (m,) metres inside the view.
+            beside: (m, k) squared distances to the detections that other tracks got; None for none.
+        """
+        tracks, s = self.tracks, self.settings
+        resting = tracks.resting[rows] & (depth >= s.leaving_depth)
+        ahead = self.view.everywhere.depth_at(places + s.look_ahead * tracks.mean[rows, 2:])
+        coast = np.where(resting, s.rest, s.coast)
+        if beside is not None:
+            coast[(beside.min(axis=1) < s.covered_distance**2) & ~resting] *= s.covered
+        report = np.where(resting, s.rest_report, s.report)
+        fade = -math.log(s.told)
+        hazard = np.where(
+            tracks.existence[rows] > s.told * (1.0 + SLACK), fade / report, (LIFETIMES - fade) / (coast - report)
+        )
+        hazard[~tracks.resting[rows] & (ahead < s.leaving_depth)] = LIFETIMES / s.coast_leaving
+        hazard[~tracks.confirmed[rows]] = LIFETIMES / s.tentative_patience
+        return hazard
+
+    def _give_birth(
+        self, camera: int, clock: float, t: float, positions: Array, noise: Array, confidence: Array
+    ) -> None:
         s = self.settings
         sure = confidence >= s.birth_confidence
         count = int(sure.sum())
         if not count:
             return
         mean, covariance = kalman_bank.start(positions[sure], noise[sure], s.start_speed)
-        self.tracks.append(
-            TrackTable(
-                ids=np.arange(self._next_id, self._next_id + count),
-                mean=mean,
-                covariance=covariance,
-                born=np.full(count, t),
-                seen=np.full(count, t),
-                missed=np.zeros(count),
-                hits=np.ones(count, np.int64),
-                score=confidence[sure].copy(),
-                confirmed=np.zeros(count, np.bool_),
-                quality=np.full(count, 0.5),
-                camera=np.full(count, camera),
-                fed=np.full(count, 1 << camera),
-            )
-        )
+        ids = np.arange(self._next_id, self._next_id + count)
         self._next_id += count
+        self.tracks.append(
+            TrackTable.start(ids, mean, covariance, s.lasting * noise[sure], t, confidence[sure], camera, clock)
+        )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["innovations", "predict", "start", "update"]
+__all__ = ["hold", "innovations", "predict", "start", "update"]
 
 Array = NDArray[np.float64]
 
@@ -46,6 +46,23 @@ def predict(mean: Array, covariance: Array, dt: float, acceleration: float) -> N
     cross += dt * speed
     covariance += acceleration * _white_acceleration(dt)
     covariance[:, 2:, :2] = cross.transpose(0, 2, 1)
+
+
+def hold(mean: Array, covariance: Array, dt: float, diffusion: float, speed: float) -> tuple[Array, Array]:
+    """Return mean (n, 4) and covariance (n, 4, 4) of people who are taken to stay where they are for ``dt`` seconds.
+
+    Args:
+        mean: (n, 4).
+        covariance: (n, 4, 4).
+        dt: seconds, not negative.
+        diffusion: by how much the variance of the place grows along each axis, m²/s.
+        speed: standard deviation along each axis of the velocity with which they walk on, m/s.
+    """
+    held, spread = np.zeros_like(mean), np.zeros_like(covariance)
+    held[:, :2] = mean[:, :2]
+    spread[:, :2, :2] = covariance[:, :2, :2] + dt * diffusion * np.eye(2)
+    spread[:, 2, 2] = spread[:, 3, 3] = speed**2
+    return held, spread
 
 
 def innovations(
