@@ -103,6 +103,7 @@ class Crossings:
             Crossings; for each track and zone enter and exit take turns.
         """
         slot, known = self._slots(track, former)
+        self._absorb(t, track, slot, former)
         before_x, before_y, before_t = self._x[slot], self._y[slot], self._t[slot]
         known &= self._floor[slot] == floor
         code, row, zone, depth, touched_now = self._pairs(slot, known, floor, x, y, before_x, before_y)
@@ -324,6 +325,20 @@ class Crossings:
             at = np.searchsorted(self._ids, track)
         slot = self._slot_of_id[at]
         return slot, np.isfinite(self._t[slot])
+
+    def _absorb(self, t: float, track: Ints, slot: Ints, former: Sequence[Sequence[int]]) -> None:
+        """Somebody told under two numbers for a while is one: inside with the new one, the old one leaves unsaid."""
+        named = {one for earlier in former for one in earlier}
+        stale = (named & set(self._ids.tolist())).difference(track.tolist()) if named else set()
+        if not stale:
+            return
+        slots = dict(zip(self._ids.tolist(), self._slot_of_id.tolist(), strict=True))
+        zones = np.arange(self._zones)
+        for new, earlier in zip(slot.tolist(), former, strict=True):
+            for old in [slots[one] for one in earlier if one in stale and self._t[slots[one]] < t]:
+                both = zones[self._inside[old * self._zones + zones] & self._inside[new * self._zones + zones]]
+                self.occupancy[both] -= 1
+                self._inside[old * self._zones + both] = False
 
     def _admit(self, track: Ints, new: Ints, former: Sequence[Sequence[int]]) -> None:
         present = set(track.tolist())

@@ -268,3 +268,17 @@ def test_a_disc_is_clear_of_borders_or_not() -> None:
     floor, radius = np.array([0, 0, 0, 0, -1]), np.array([1.0, 2.0, 1.0, 4.0, 99.0])
     # In the middle, the middle of a wide disc, near an edge, well outside, on a floor without zones.
     assert index.clear_of_borders(x, y, floor, radius).tolist() == [True, False, False, True, True]
+
+
+def test_somebody_found_to_be_two_numbers_leaves_once() -> None:
+    crossings = make()
+    walk(crossings, line((-3, 2), (2, 2), 75))
+    # Out of view as 1, and a moment later somebody is born beside that place: 2. Is it the same person?
+    assert [c.kind for c in walk(crossings, line((2, 3), (2, 3), 15), track=2, start=5.0)] == ["enter"]
+    assert crossings.occupancy.tolist() == [2, 0, 0, 0]
+    happened = walk(crossings, line((2, 3), (2, 3), 60), track=2, start=6.0, former=(1,))
+    assert happened == []
+    assert crossings.occupancy.tolist() == [1, 0, 0, 0]
+    assert crossings.tracks.tolist() == [2]
+    assert [c.kind for c in walk(crossings, line((2, 3), (9, 3), 150), track=2, start=10.0, former=(1,))] == ["exit"]
+    assert crossings.occupancy.tolist() == [0, 0, 0, 0]
