@@ -113,9 +113,9 @@ class Case:
             cases[name] = cls(splits, warm)
             cases |= {f"{name}_points_{count}": cls(splits, warm, points=count) for count in POINTS[1:]}
             cases |= {f"{name}_every_{every:g}": cls(splits, warm, every=every) for every in EVERY[1:]}
-            cases[f"{name}_radio"] = cls(splits, warm, motion=False)
-            if "rbmcda" in TRACKERS:
-                cases[f"{name}_rbmcda"] = cls(splits, warm, tracker="rbmcda")
+        cases["new_radio"] = cls(whole, motion=False)
+        if "rbmcda" in TRACKERS:
+            cases["new_rbmcda"] = cls(whole, tracker="rbmcda")
         return cases
 
 
