@@ -81,6 +81,11 @@ EXPLANATIONS: dict[str, Explanation] = {
     "radio without a time": Explanation(1, "radio carries no usable time", "restart the gateway"),
     "motion without a time": Explanation(1, "steps carry no usable time", "restart the gateway"),
     "radio too old": Explanation(30, "radio arrives too late to be live", _PHONE_CLOCK),
+    "motion told again or out of order": Explanation(
+        30,
+        "a phone's steps come twice or in the wrong order",
+        "two gateways may publish the same phone, or one phone's token is used by two phones",
+    ),
     "motion too old": Explanation(30, "steps arrive too late to be live", _PHONE_CLOCK),
     "radio from the far future": Explanation(30, "radio is ahead of the cameras' time", _PHONE_CLOCK),
     "motion from the far future": Explanation(30, "steps are ahead of the cameras' time", _PHONE_CLOCK),

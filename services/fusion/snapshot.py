@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["counts", "encode_snapshot", "pack", "unpack"]
+__all__ = ["counts", "encode_snapshot", "of_shape", "pack", "unpack"]
 
 
 def encode_snapshot(snapshot: Any) -> bytes:
@@ -56,4 +56,15 @@ def unpack(value: Any) -> NDArray[Any]:
         array: NDArray[Any] = flat.reshape(value["shape"]).copy()
     except (KeyError, TypeError, ValueError, binascii.Error, zlib.error) as error:
         raise msgspec.ValidationError(f"no packed array: {error}") from error
+    return array
+
+
+def of_shape(array: NDArray[Any], expected: tuple[int, ...]) -> NDArray[Any]:
+    """Return the array.
+
+    Raises:
+        msgspec.ValidationError: it has another shape.
+    """
+    if array.shape != expected:
+        raise msgspec.ValidationError(f"an array of shape {array.shape}, expected {expected}")
     return array

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.snapshot import unpack
+from services.fusion.snapshot import of_shape, unpack
 from shared.radio import PathLoss
 
 __all__ = ["Calibration"]
 
 Array = NDArray[np.float64]
 
-POWER_SIGMA = 4.0
+POWER_SIGMA = 5.0
 """dB, and of the exponent: how far the site file's guesses may be off."""
 EXPONENT_SIGMA = 0.25
 TYPICAL = 10.0
@@ -58,17 +58,16 @@ class Calibration:
         ) * level
         return expected
 
-    def learn(self, place: Array, heard: NDArray[np.int64], level: Array, weight: float) -> None:
-        """Note one scan of a phone whose place is known.
+    def learn(self, heard: NDArray[np.int64], distance: Array, residual: Array, weight: Array) -> None:
+        """Note one scan of a phone.
 
         Args:
-            place: (2,), metres.
             heard: (h,), which access points.
-            level: (h,), what they read, the phone's own offset taken off, dBm.
-            weight: inverse variance of a reading, dB⁻²; less where the phone hardly moved.
+            distance: (h,), 10 log₁₀ of the distances.
+            residual: (h,), what they read beyond what is expected now, the phone's own offset taken off, dB.
+            weight: (h,), inverse variance of each, dB⁻²; less where place or offset are in doubt.
         """
-        distance = self.guess.log_distance(place[None])[0, heard]
-        residual = level - (self.guess.power_1m[heard] - self.guess.exponent[heard] * distance)
+        residual = residual + self.correction[heard, 0] - self.correction[heard, 1] * distance
         self.information[heard, 0, 0] += weight
         self.information[heard, 0, 1] -= weight * distance
         self.information[heard, 1, 0] -= weight * distance
@@ -99,6 +98,5 @@ class Calibration:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from ``state()``."""
-        self.information, self.evidence, self.correction = (
-            unpack(state[name]) for name in ("information", "evidence", "correction")
-        )
+        for name in ("information", "evidence", "correction"):
+            setattr(self, name, of_shape(unpack(state[name]), getattr(self, name).shape))

@@ -1,105 +1,86 @@
-"""Who is who? Evidence for every pair of device and track, gathered along the tracks' own paths.
+"""Who is who? Every device's belief about where it is, moved by what cameras and phones tell, and the decisions made.
 
-For each device the hypotheses are "carried along track k" for every track, against "on none of them". Each scan and
-each second of a phone's walk moves the log-odds of every pair by what it says for that path beyond what it says for a
-stranger's. The odds live in a small Markov model: when two tracks meet they may have exchanged persons, a new track may
-continue one that was lost near by, and evidence fades as the path goes on; standing still neither adds nor loses any.
+Evidence moves each device's own filter (``belief``); which device is on which track is then decided for all of them
+together, one device per track and one track per device (``association``), and what was said of the last seconds is
+compared with what the best explanation now says of them (``revision``).
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from dataclasses import astuple
-from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.area_view import AreaView
 from services.fusion.evidence.association import assign, association_marginals
-from services.fusion.evidence.hypotheses import Hypotheses
-from services.fusion.evidence.identity_settings import IdentitySettings
-from services.fusion.evidence.motion_evidence import Walk, walks_of
-from services.fusion.snapshot import counts, unpack
-from shared.messages import MotionBatch, RadioScan, decode
+from services.fusion.evidence.devices import Devices
+from services.fusion.evidence.hearing import Gathered, Hearing
+from services.fusion.evidence.radio_evidence import novelty, scan_likelihood
+from services.fusion.evidence.walks import Walk, stretches
+from shared.messages import MotionBatch, RadioScan
 
 __all__ = ["IdentityLayer"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+LEAST_ABOUT = 0.3
+"""A device less likely to be about teaches nothing."""
+SLOT = 0.2
+"""Seconds of a slot of the lineage."""
 
-class IdentityLayer(Hypotheses):
-    """The hypotheses, moved by what phones tell, and the decisions made of them."""
 
-    def __init__(self, view: AreaView, settings: IdentitySettings | None = None) -> None:
-        self._column_of_point = {name: index for index, name in enumerate(view.radio.names)}
-        super().__init__(view, settings)
-        self._elsewhere, self._elsewhere_variance = self._anywhere()
-        self.ignored: Counter[str] = Counter()
-
-    def _start(self) -> None:
-        super()._start()
-        self._waiting: list[RadioScan] = []
-        self._walks: list[tuple[str, Walk]] = []
-        self._decided = self._calibrated = -math.inf
-        self._dirty = False
+class IdentityLayer(Devices):
+    """All devices of one area, moved by what cameras and phones tell, and the decisions made of them."""
 
     def step(
         self,
         t: float,
         ids: Integers,
         places: Array,
+        coasting: NDArray[np.bool_],
         scans: tuple[RadioScan, ...] = (),
         motions: tuple[MotionBatch, ...] = (),
     ) -> set[str]:
         """Take in where the tracks are and what phones heard and did; return the devices whose news counted.
 
         Args:
-            t: time of the positions.
-            ids: (n,), ids of the confirmed tracks.
+            t: time of the positions; one before the last means that the clock was set back, and all begins anew.
+            ids: (n,), ids of the tracks.
             places: (n, 2), metres.
+            coasting: (n,), whether no camera sees them now.
             scans: in the order they were consumed; those newer than ``t`` wait.
             motions: likewise; batches of phones whose radio was never heard say nothing.
         """
-        self._dirty |= self.follow(t, ids, places)
-        heard = self._listen(t, scans) if scans or self._waiting else set()
-        for batch in motions:
-            self._note_walk(batch)
-        if self._walks:
-            heard |= self._walk(t)
-        # Nothing may happen for long where a person stands still: silence is news as well.
-        self._dirty |= bool((np.isfinite(self.device_seen) & (t - self.device_seen > self.settings.forget)).any())
+        if t < self.columns.history.newest:
+            self._start()
+        self._follow(t, ids, places, coasting)
+        heard = self._walk(t, motions)
+        heard |= self._listen(t, scans)
+        self._dirty |= bool(((t - self.told > self.settings.forget) & np.isfinite(self.told)).any())
         if self._dirty and not 0.0 <= t - self._decided < self.settings.cycle:
             self._decide(t)
         return heard
 
     def erase(self, device: str) -> None:
         """Forget a device whose consent was withdrawn, and what of it still waits."""
-        self._waiting = [scan for scan in self._waiting if scan.device != device]
-        self._walks = [entry for entry in self._walks if entry[0] != device]
+        self._scans = [scan for scan in self._scans if scan.device != device]
+        self._motions = [batch for batch in self._motions if batch.device != device]
         if device in self.devices:
             self._forget(self.devices.index(device))
             self._dirty = True
 
-    def _forget(self, row: int) -> None:
-        self.devices[row] = None
-        self.device_seen[row] = self.device_told[row] = -math.inf
-        self.given[row] = -1
-
     # -- what phones hear --------------------------------------------------------------------------------------------
 
     def _listen(self, t: float, scans: tuple[RadioScan, ...]) -> set[str]:
-        self._waiting.extend(scan for scan in scans if math.isfinite(scan.t))
-        due = [scan for scan in self._waiting if scan.t <= t]
-        self._waiting = [scan for scan in self._waiting if scan.t > t][-self.settings.waiting :]
+        self._scans.extend(scan for scan in scans if math.isfinite(scan.t))
+        due = [scan for scan in self._scans if scan.t <= t]
+        self._scans = [scan for scan in self._scans if scan.t > t][-self.settings.waiting :]
         due.sort(key=lambda scan: (scan.t, scan.device, scan.seq))
         return {scan.device for scan in due if self._scan(scan)}
 
     def _scan(self, scan: RadioScan) -> bool:
-        """Move the odds of one device by one scan; False if it held nothing to go by."""
+        """Take in one scan; False if it held nothing to go by."""
         readings = {
             self._column_of_point[name]: level
             for name, level in zip(scan.access_point, scan.rssi, strict=True)
@@ -109,212 +90,235 @@ class IdentityLayer(Hypotheses):
             self.ignored["radio without a known access point"] += 1
             return False
         row = self.row(scan.device)
-        elapsed = float(scan.t - self.device_seen[row])
-        if elapsed <= 0.0:
+        hearing = self.hearing[row][scan.heard_by_site]
+        if scan.t <= hearing.newest:
             # Told again (after a lost connection, say): what it said must not count twice.
             self.ignored["radio told again or out of order"] += 1
             return False
-        self.device_seen[row] = scan.t
-        self.device_told[row] = max(self.device_told[row], scan.t)
-        self.device_scans[row] += 1
-        heard = np.array(sorted(readings))
-        level = np.array([readings[column] for column in heard.tolist()])
-        against = self._stranger(row, heard, level, elapsed)
-        places = self.history.at(scan.t)
-        known = np.flatnonzero(np.isfinite(places[:, 0]) & (self.tracks[: len(places)] > 0))
-        if len(known):
-            self._move_odds(row, known, places[known], heard, level, against)
+        gathered = hearing.take(scan.t, readings, self.settings.gather)
+        self.told[row] = max(self.told[row], scan.t)
+        if gathered is not None:
+            self.scans[row] += 1
+            self._weigh(row, hearing, gathered)
         self._dirty = True
         return True
 
-    def _stranger(self, row: int, heard: Integers, level: Array, elapsed: float) -> float:
-        """Log-likelihood of a scan if the device is on no track: carried about on this floor, at rest or far away."""
-        s = self.settings
-        kept = np.exp(-elapsed * np.array([s.elsewhere_speed, s.far_speed]) / s.elsewhere_range)
-        near, far = self.strangers.scan(
+    def _weigh(self, row: int, hearing: Hearing, scan: Gathered) -> None:
+        """Move a device's belief by what it heard."""
+        s, heard = self.settings, scan.heard
+        if scan.t - self.walked_until[row] > 3.0 and math.isfinite(scan.elapsed):
+            # It tells nothing of its walk: somewhere between standing and walking.
+            self.beliefs.walk(row, np.zeros(2), s.unknown_speed**2 * min(scan.elapsed, 10.0))
+            scan = Gathered(scan.t, heard, scan.level, scan.count, scan.elapsed, 0.5 * scan.elapsed)
+        weight = novelty(scan.elapsed, scan.walked, s.memory + s.habit * hearing.stood, s.reach)
+        hearing.stood = 0.0 if scan.walked > 0.3 else hearing.stood + min(scan.elapsed, 60.0)
+        common = hearing.variance + s.common**2
+        columns = self.columns.alive
+        places = self.columns.place[columns]
+        if len(columns):
+            then = self.columns.history.at(scan.t)[columns]
+            places = np.where(np.isfinite(then), then, places)
+        own = s.white**2 / scan.count + self.calibration.variance()[heard]
+        residual, variance = self._residual(scan, places, own)
+        tracks = weight * scan_likelihood(residual, variance, hearing.offset, common)
+        mean = self._expected if self._map is None else self._expected + self._map[0]
+        shadow = s.shadowing**2 if self._map is None else s.shadowing_known**2 + self._map[1][:, heard]
+        spread = np.broadcast_to(own + shadow, (len(mean), len(heard)))
+        off = scan.level - mean[:, heard]
+        cells = weight * scan_likelihood(off, spread, hearing.offset, common)
+        volume = np.log(spread).sum(axis=1).mean() + math.log1p(common * float((1.0 / spread[0]).sum()))
+        far = -0.5 * weight * (len(heard) - 1 + s.strange + volume)
+        floor = self.beliefs.floor[row].ravel()
+        some = np.flatnonzero(floor > 0.02 * floor.max())
+        self._learn(
             row,
-            np.arange(2),
-            heard,
-            np.broadcast_to(level - self._elsewhere[heard], (2, len(heard))),
-            kept,
-            np.broadcast_to(self._elsewhere_variance[heard], (2, len(heard))),
-            s.noise.white**2,
-        ).tolist()
-        before = float(self.far[row])
-        self.far[row] = min(max(before + far - near, -s.cap), s.cap)
-        return float(np.logaddexp(near, before + far) - np.logaddexp(0.0, before))
+            hearing,
+            weight,
+            scan,
+            np.concatenate([places, self.grid.centres[some]]),
+            np.concatenate([self.beliefs.share[row, columns], floor[some]]),
+        )
+        self.beliefs.weigh(row, columns, tracks, cells, far)
 
-    def _move_odds(
-        self, row: int, known: Integers, places: Array, heard: Integers, level: Array, against: float
-    ) -> None:
+    def _residual(self, scan: Gathered, places: Array, own: Array) -> tuple[Array, Array]:
+        """Return heard minus expected at (n, 2) places and its variance, (n, h)."""
         s = self.settings
-        walked = np.hypot(*(places - self.last_place[row, known]).T)
-        first = ~np.isfinite(walked)
-        walked = np.where(first, 0.0, walked)
-        kept = np.where(first, 0.0, np.exp(-walked / s.noise.shadowing_range))
-        residual = level - self.calibration.rssi(places)[:, heard]
-        variance = np.full(residual.shape, s.noise.shadowing**2)
-        unheard = np.setdiff1d(np.arange(len(self._constant_variance)), heard)
-        likelihood = self.filters.scan(row, known, heard, residual, kept, variance, s.noise.white**2)
-        self.filters.fade(row, known, unheard, kept, np.full((len(known), len(unheard)), s.noise.shadowing**2))
-        self.last_place[row, known] = places
-        self._learn(row, known, places, heard, level, kept)
-        odds = self.odds[row, known]
-        odds = (odds - s.prior) * np.exp(-walked / s.fade_distance) + s.prior + s.trust * (likelihood - against)
-        self.odds[row, known] = np.minimum(np.maximum(odds, -s.cap), s.cap)
+        residual = scan.level - self.calibration.rssi(places)[:, scan.heard]
+        if self.view.shadowing is None:
+            return residual, np.broadcast_to(own + s.shadowing**2, residual.shape)
+        mean, variance = self.view.shadowing.at(places)
+        return residual - mean[:, scan.heard], own + s.shadowing_known**2 + variance[:, scan.heard]
+
+    def _learn(self, row: int, hearing: Hearing, weight: float, scan: Gathered, places: Array, chance: Array) -> None:
+        """Learn from where the device may be what it reads too much, and what the access points really send.
+
+        What a reading says counts the less, the more the expectation differs among the places.
+        """
+        s, heard = self.settings, scan.heard
+        total = float(chance.sum())
+        if total < LEAST_ABOUT:
+            return
+        chance = chance / total
+        level = self.calibration.guess.log_distance(places)[:, heard]
+        residual = scan.level - self.calibration.rssi(places)[:, heard]
+        if self.view.shadowing is not None:
+            residual = residual - self.view.shadowing.at(places)[0][:, heard]
+        mean = chance @ residual
+        doubt = chance @ (residual - mean) ** 2 + s.shadowing**2
+        known = self.calibration.variance()[heard]
+        # The offset, as if it were the mean of all readings …
+        information = weight / (doubt + known)
+        variance = 1.0 / (1.0 / hearing.variance + float(information.sum()))
+        offset = variance * (hearing.offset / hearing.variance + float((mean * information).sum()))
+        # … and the access points, by what is left.
+        self.calibration.learn(heard, chance @ level, mean - hearing.offset, weight / (doubt + hearing.variance))
+        hearing.offset, hearing.variance = offset, variance
+
+    def _calibrate(self, t: float) -> None:
+        """Put to use what was learned of the access points."""
+        self._calibrated = t
+        self.calibration.solve()
+        self._expected = self.calibration.rssi(self.grid.centres)
 
     # -- how phones move ---------------------------------------------------------------------------------------------
 
-    def _note_walk(self, batch: MotionBatch) -> None:
-        if not (math.isfinite(batch.t_start) and math.isfinite(batch.t)):
-            self.ignored["motion without a time"] += 1
-            return
-        walks = walks_of(batch.t_start, batch.t, batch.step_t, batch.length, batch.heading, batch.heading_variance)
-        self._walks.extend((batch.device, walk) for walk in walks)
-
-    def _walk(self, t: float) -> set[str]:
-        due = [entry for entry in self._walks if entry[1].t <= t]
-        self._walks = [entry for entry in self._walks if entry[1].t > t][-self.settings.waiting :]
-        due.sort(key=lambda entry: (entry[1].t, entry[0]))
+    def _walk(self, t: float, motions: tuple[MotionBatch, ...]) -> set[str]:
+        for batch in motions:
+            if math.isfinite(batch.t_start) and math.isfinite(batch.t):
+                self._motions.append(batch)
+            else:
+                self.ignored["motion without a time"] += 1
+        if not self._motions:
+            return set()
+        due = [batch for batch in self._motions if batch.t <= t]
+        self._motions = [batch for batch in self._motions if batch.t > t][-self.settings.waiting :]
+        due.sort(key=lambda batch: (batch.t, batch.device, batch.seq))
         counted = set()
-        for device, walk in due:
-            if device not in self.devices:
+        for batch in due:
+            if batch.device not in self.devices:
                 continue
-            row = self.devices.index(device)
-            self.device_told[row] = max(self.device_told[row], walk.t)
-            if walk.t_start < self.walk_filters.last[row, 0] - 1e-3:
-                # A second that was told before, or a revision of the past: what it said cannot be unsaid.
+            row = self.devices.index(batch.device)
+            if batch.t <= self.walked_until[row]:
+                self.ignored["motion told again or out of order"] += 1
                 continue
-            start, end = self.history.at(walk.t_start), self.history.at(walk.t)
-            moved = end - start
-            known = np.flatnonzero(np.isfinite(moved[:, 0]) & (self.tracks[: len(moved)] > 0))
-            evidence = self.walk_filters.walk(row, known, walk, moved[known])
-            odds = self.odds[row, known] + self.settings.trust_motion * evidence
-            self.odds[row, known] = np.minimum(np.maximum(odds, -self.settings.cap), self.settings.cap)
+            self.told[row] = max(self.told[row], batch.t)
+            self._move(row, batch)
             self._dirty = True
-            counted.add(device)
+            counted.add(batch.device)
         return counted
 
-    def _learn(self, row: int, known: Integers, places: Array, heard: Integers, level: Array, kept: Array) -> None:
-        """A phone whose track is beyond doubt tells what the access points really send."""
+    def _move(self, row: int, batch: MotionBatch) -> None:
+        """Take in what a phone tells of its walk."""
         s = self.settings
-        held = int(self.given[row])
-        mine = np.flatnonzero(known == held)
-        if not len(mine) or self.probability[row, held] < s.certain:
-            return
-        index = int(mine[0])
-        weight = (1.0 - float(kept[index]) ** 2) / (s.noise.shadowing**2 + s.noise.white**2)
-        self.calibration.learn(places[index], heard, level - self.filters.offset[row, held], weight)
+        walks = stretches(batch, float(self.stepped[row]))
+        for walk in walks:
+            self._take_walk(row, walk)
+        if walks and walks[-1].length > 0.0:
+            self.stepped[row] = walks[-1].t
+        if not walks:
+            # Neither standing nor walking for sure: it may go slowly, or have begun a walk that is told later.
+            duration = min(max(batch.t - batch.t_start, 0.0), 10.0)
+            self.beliefs.walk(row, np.zeros(2), (s.vague_speed * duration) ** 2)
+            for hearing in self.hearing[row]:
+                hearing.walked += s.vague_novelty * duration
+        self.walking[row] = float(batch.activity == "walking")
+        self.walked_until[row] = batch.t
 
-    def _calibrate(self, t: float) -> None:
-        """Put to use what was learned of the access points, in all pairs' filters as well."""
-        s = self.settings
-        self._calibrated = t
-        places = np.where(np.isfinite(self.last_place), self.last_place, 0.0)
-        flat = places.reshape(-1, 2)
-        before = self.calibration.rssi(flat)
-        self.calibration.solve()
-        self.filters.constant -= (self.calibration.rssi(flat) - before).reshape(self.filters.constant.shape)
-        self._constant_variance = (
-            np.minimum(self.calibration.variance(), s.noise.access_point**2) + s.residual_constant**2
-        )
+    def _take_walk(self, row: int, walk: Walk) -> None:
+        s, filters = self.settings, self.walk_filters
+        filters.begin(row, walk)
+        moved = self.columns.history.at(walk.t) - self.columns.history.at(walk.t_start)
+        alive = self.columns.alive
+        known = alive[np.isfinite(moved[alive, 0])]
+        evidence = filters.walk(row, known, walk, moved[known])
+        bias, bias_variance, scale = 0.0, walk.bias_variance, 1.0
+        held = int(self.beliefs.share[row].argmax()) if len(alive) else -1
+        if held >= 0 and self.beliefs.share[row, held] > 0.3:
+            bias, bias_variance = float(filters.bias[row, held]), float(filters.bias_variance[row, held])
+            scale = float(filters.scale[row, held])
+        self.beliefs.favour(row, known, s.trust_motion * evidence)
+        duration = walk.t - walk.t_start
+        displacement, variance = np.zeros(2), s.still_speed**2 * duration
+        if walk.length > 0.0 and math.isfinite(walk.heading):
+            heading, length = walk.heading - bias, walk.length / max(scale, 0.5)
+            displacement = length * np.array([math.cos(heading), math.sin(heading)])
+            variance = length**2 * (s.step_error**2 + 0.5 * (bias_variance + walk.heading_variance))
+        elif walk.length > 0.0:
+            variance = walk.length**2
+        self.beliefs.walk(row, displacement, variance)
+        for hearing in self.hearing[row]:
+            hearing.walked += walk.length
 
     # -- decisions ---------------------------------------------------------------------------------------------------
 
     def _decide(self, t: float) -> None:
-        s = self.settings
+        s, beliefs = self.settings, self.beliefs
         elapsed = min(max(t - self._decided, 0.0), 1.0) if math.isfinite(self._decided) else 0.0
         self._decided, self._dirty = t, False
-        for row in np.flatnonzero(t - self.device_seen > s.forget).tolist():
+        for row in np.flatnonzero((t - self.told > s.forget) & np.isfinite(self.told)).tolist():
             self._forget(row)
-        alive = np.flatnonzero(self.alive)
-        rows = np.array([row for row, device in enumerate(self.devices) if device is not None], np.int64)
-        self.probability = np.zeros(self.odds.shape)
-        if not len(rows) or not len(alive):
-            self.given[:] = -1
+        alive, rows = self.columns.alive, self.rows
+        self.probability = np.zeros((len(self.devices), len(self.columns.tracks)))
+        self.estimates = {}
+        if not len(rows):
             return
         if not 0.0 <= t - self._calibrated < s.calibrate_every:
             self._calibrate(t)
-        self._mix(rows, alive, elapsed)
+        beliefs.pass_time(
+            rows, alive, self.columns.place[alive], self.columns.coasting[alive], self.walking[rows], elapsed
+        )
+        beliefs.remember(math.floor(t / SLOT), self.columns.tracks)
+        self._assign(t, rows, alive)
+        self.estimates = {row: self._estimate(row) for row in rows.tolist() if self.given[row] < 0}
+
+    def _assign(self, t: float, rows: Integers, alive: Integers) -> None:
+        """Decide for all devices together which track each is on."""
+        s, beliefs = self.settings, self.beliefs
+        if not len(alive):
+            self.given[:] = -1
+            return
         pairs = np.ix_(rows, alive)
-        marginals = association_marginals(self.odds[pairs])
+        unseen = beliefs.floor[rows].sum(axis=(1, 2)) + beliefs.far[rows]
+        odds = np.log(np.maximum(beliefs.share[pairs], 1e-30)) - np.log(np.maximum(unseen, 1e-30))[:, None]
+        marginals = association_marginals(np.minimum(odds, 20.0))
         self.probability[pairs] = marginals
         holds = self.given[rows][:, None] == alive[None, :]
         # A phone that has said next to nothing, or nothing of late, keeps what it has but gets nothing new: whoever
         # carried it may have left, and somebody must not be taken for them because nobody else is there.
-        heard = (self.device_scans[rows] >= s.claim_scans) & (t - self.device_told[rows] <= s.claim_fresh)
-        chosen = assign(marginals, holds, np.where(heard, s.claim, 2.0), s.keep)
-        given = np.where(chosen >= 0, alive[chosen], -1)
-        for row, column in zip(rows.tolist(), given.tolist(), strict=True):
+        heard = (self.scans[rows] >= s.claim_scans) & (t - self.told[rows] <= s.claim_fresh)
+        walks = t - self.walked_until[rows] <= s.claim_walked
+        claim = np.where(walks, s.claim, s.claim_unwalked)
+        chosen = assign(marginals, holds, np.where(heard, claim, 2.0), s.keep)
+        for row, column in zip(rows.tolist(), np.where(chosen >= 0, alive[chosen], -1).tolist(), strict=True):
             self._give(row, column)
-
-    def _mix(self, rows: Integers, alive: Integers, elapsed: float) -> None:
-        """Tracks that meet may have exchanged persons: let the odds of each flow into the other."""
-        s = self.settings
-        if len(alive) < 2 or elapsed == 0.0:
-            return
-        places = self.place[alive]
-        dx = places[:, 0, None] - places[None, :, 0]
-        dy = places[:, 1, None] - places[None, :, 1]
-        flow = elapsed * s.swap_rate * np.exp(-(dx * dx + dy * dy) / s.swap_range**2)
-        np.fill_diagonal(flow, 0.0)
-        source, target = np.nonzero(flow > 1e-4)
-        if not len(source):
-            return
-        flowing = flow[source, target]
-        pairs = np.ix_(rows, alive)
-        odds = self.odds[pairs]
-        best = odds.max(axis=1, keepdims=True)
-        weight = np.exp(odds - best)
-        leaving = np.zeros(len(alive))
-        np.add.at(leaving, source, flowing)
-        mixed = weight * (1.0 - np.minimum(leaving, 0.5))
-        np.add.at(mixed.T, target, (weight[:, source] * flowing).T)
-        self.odds[pairs] = np.maximum(np.log(np.maximum(mixed, 1e-300)) + best, -s.cap)
 
     def _give(self, row: int, column: int) -> None:
         self.given[row] = column
         if column < 0:
             return
-        track = int(self.tracks[column])
+        track = int(self.columns.tracks[column])
         chain = self.chains[row]
         if not chain or chain[-1] != track:
             chain = [earlier for earlier in chain if earlier != track][-self.settings.longest_chain :]
             self.chains[row] = [*chain, track]
             self.former[track] = chain
 
-    # -- before and after --------------------------------------------------------------------------------------------
+    def _estimate(self, row: int) -> tuple[Array, Array, float]:
+        """Return where a device is likely to be, (2,), its covariance (2, 2) and the probability of being about at all.
 
-    def _anywhere(self) -> tuple[Array, Array]:
-        """Mean (m,) and variance (m,) of what is heard at a random place of the floor, shadowing included."""
-        radio, view, s = self.view.radio, self.view, self.settings
-        if not radio.names:
-            return np.zeros(0), np.zeros(0)
-        x, y = (np.linspace(low, high, 20) for low, high in zip(view.lower, view.upper, strict=True))
-        places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        level = radio.rssi(places)
-        return level.mean(axis=0), level.var(axis=0) + s.noise.shadowing**2
-
-    def state(self) -> dict[str, Any]:
-        """Return a copy of all that is known."""
-        return {
-            **super().state(),
-            "waiting": list(self._waiting),
-            "walks": [[device, np.array(astuple(walk))] for device, walk in self._walks],
-            "calibrated": self._calibrated if math.isfinite(self._calibrated) else None,
-            "decided": self._decided if math.isfinite(self._decided) else None,
-            "dirty": self._dirty,
-            "ignored": dict(self.ignored),
-        }
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from ``state()``; see ``Hypotheses.restore`` for the errors."""
-        waiting = [decode(msgspec.json.encode(scan), RadioScan) for scan in state["waiting"]]
-        walks = [(str(device), Walk(*unpack(numbers).tolist())) for device, numbers in state["walks"]]
-        calibrated, decided = (
-            -math.inf if state[name] is None else float(state[name]) for name in ("calibrated", "decided")
-        )
-        dirty, ignored = bool(state["dirty"]), counts(state["ignored"])
-        super().restore(state)
-        self._waiting, self._walks, self._dirty, self.ignored = waiting, walks, dirty, ignored
-        self._calibrated, self._decided = calibrated, decided
+        Over tracks and floor together: of a device that may be on either of two tracks it is the place between.
+        """
+        alive = self.columns.alive
+        on = self.probability[row, alive]
+        floor = self.beliefs.floor[row].ravel()
+        some = np.flatnonzero(floor > 1e-3 * floor.max())
+        about = float(floor.sum())
+        off = float(self.beliefs.far[row])
+        unseen = max(1.0 - float(on.sum()), 0.0)
+        weight = np.concatenate([on, floor[some] * (unseen / max(about + off, 1e-300))])
+        places = np.concatenate([self.columns.place[alive], self.grid.centres[some] + self.beliefs.rest[row]])
+        total = max(float(weight.sum()), 1e-300)
+        mean = weight @ places / total
+        apart = places - mean
+        covariance = (weight[:, None] * apart).T @ apart / total + 0.1 * np.eye(2)
+        return mean, covariance, min(float(on.sum()) + unseen * about / max(about + off, 1e-300), 1.0)

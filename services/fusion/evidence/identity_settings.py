@@ -2,65 +2,79 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from services.fusion.evidence.belief import Flow
 from shared.radio import RadioNoise
 
-__all__ = ["IdentitySettings"]
+__all__ = ["NOISE", "IdentitySettings"]
 
 NOISE = RadioNoise(white=2.5, shadowing=4.0, shadowing_range=3.0, access_point=4.0, device=3.0)
+"""What readings are like before any is heard; ``access_point`` covers an exponent that is off as well."""
 
 
 @dataclass(frozen=True)
 class IdentitySettings:
     """What is believed of radios and people before any is seen."""
 
-    noise: RadioNoise = NOISE
-    """``access_point`` covers an exponent that is off as well as a power that is off."""
-    elsewhere_speed: float = 0.7
-    """Speed of a person out of view, m/s: how fast a stranger's readings lose their memory."""
-    elsewhere_range: float = 5.0
-    """Metres over which what a stranger hears stays alike."""
-    far_prior: float = -3.0
-    """Log-odds that a phone on no track is not carried about here but rests somewhere or is far away: all it hears may
-    be off by ``far_level`` dB, each access point by ``far_constant`` dB, and it moves but slowly."""
-    far_level: float = 15.0
-    far_constant: float = 6.0
-    far_speed: float = 0.1
-    trust: float = 1.0
-    """Share of the radio evidence that is believed …"""
+    flow: Flow = field(default_factory=Flow)
+    shadowing: float = 4.2
+    """dB; what a place, the carrier's body and slow fading add to path loss."""
+    shadowing_known: float = 3.0
+    """The same without the place's part, where a shadowing map tells that."""
+    white: float = 2.0
+    """dB, of one reading by itself; readings gathered in one scan share it out."""
+    device: float = 3.0
+    """dB; how differently phones read, and how differently they send where receivers of the site hear them."""
+    device_sent: float = 6.0
+    common: float = 2.0
+    """dB; what all access points' readings differ by from scan to scan: how the phone is held and turned."""
+    memory: float = 15.0
+    """Seconds after which a still phone's readings are 1/e alike, and by how much longer for each second it has stood:
+    what the place adds stays."""
+    habit: float = 2.0
+    reach: float = 2.5
+    """Metres after which a walking phone's readings are 1/e alike."""
+    gather: float = 0.9
+    """Seconds for which scans are gathered into one."""
     trust_motion: float = 1.0
-    """… and of what phones tell of their walks."""
-    prior: float = 2.0
-    """Log-odds that a device is on a given new track, each track by itself. Above zero, because a stranger's readings
-    are explained a little too well: they are fitted by a Gaussian that knows no path."""
-    cap: float = 12.0
-    """Largest log-odds either way: no past is so sure that it could not be overruled."""
-    fade_distance: float = 40.0
-    """Metres of path after which evidence counts 1/e."""
-    swap_rate: float = 0.1
-    """Probability per second that two tracks at the same place exchange persons, and its range in metres."""
-    swap_range: float = 0.6
-    lost: float = 8.0
-    """Seconds for which a track that ended may be continued by a new one."""
-    continued: float = 0.5
-    """Probability that a track born right where another was lost continues it."""
-    claim: float = 0.6
+    """Share of the evidence of phones' walks that is believed."""
+    strange: float = 15.0
+    """By how much worse than expected a scan must fit everywhere before its device is thought far away; in units of its
+    misfit."""
+    unknown_speed: float = 0.7
+    """m/s; how fast a device that tells nothing of its walk may drift about unseen."""
+    vague_novelty: float = 0.1
+    """m/s; how fast one that says it neither stands nor walks comes to places that sound new, and may drift about."""
+    vague_speed: float = 0.3
+    still_speed: float = 0.03
+    """m/s; the same of one that says it stands."""
+    step_error: float = 0.3
+    """Share of a second's walk by which dead reckoning is off besides what its heading does."""
+    claim: float = 0.45
     """Probability from which a device gets a track, and down to which it keeps it."""
     keep: float = 0.3
-    claim_scans: int = 4
+    claim_unwalked: float = 0.65
+    """The same for a device that has told nothing of its walk for ``claim_walked`` seconds: by radio alone a phone that is
+    elsewhere is easily taken for somebody here."""
+    claim_walked: float = 10.0
+    claim_scans: int = 3
     """Scans a device must have told before it gets a track at all …"""
     claim_fresh: float = 2.5
     """… and seconds since it last told anything, after which it gets no other track."""
-    certain: float = 0.9
+    told: float = 5.0
+    """Seconds since it last told anything after which a device that no camera sees is not told any more."""
+    largest_sigma: float = 4.0
+    """Metres; a device known less well than that is nowhere."""
+    certain: float = 0.7
     """Probability from which a pair teaches the access points' constants, put to use every so many seconds."""
     calibrate_every: float = 2.0
-    residual_constant: float = 1.0
-    """dB; what a learned constant may still be off for one phone."""
     cycle: float = 0.25
-    """Seconds between decisions while scans come in."""
+    """Seconds between decisions while phones tell something."""
     forget: float = 60.0
     """Seconds without a scan after which a device is forgotten."""
+    kept: float = 8.0
+    """Seconds for which the path of a track that ended is remembered."""
     longest_chain: int = 16
     """Former tracks remembered of one person."""
     waiting: int = 5_000

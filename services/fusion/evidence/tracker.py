@@ -1,4 +1,4 @@
-"""The default tracker: anonymous positions from the cameras, names from the radio."""
+"""The default tracker: anonymous positions from the cameras, names from phones' radio and steps."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ import numpy as np
 from services.fusion.area_view import AreaView
 from services.fusion.evidence.identity import IdentityLayer
 from services.fusion.evidence.identity_settings import IdentitySettings
+from services.fusion.evidence.revision import Reviser
+from services.fusion.evidence.unseen import UnseenRows, with_rows
 from services.fusion.positions.anonymous import AnonymousLayer, AnonymousSettings
 from services.fusion.snapshot import encode_snapshot
 from services.fusion.tracker import Chunk, TrackerStateError
@@ -48,6 +50,10 @@ class AnonymousTracker:
         """Return how much could not be used so far, by reason."""
         return dict(self.positions.ignored)
 
+    def complaints(self) -> list[str]:
+        """Return which cameras' clocks are to be set right."""
+        return self.positions.clocks.complaints()
+
     def snapshot(self) -> Callable[[], bytes]:
         """Copy all the tracker knows; calling the result encodes the copy."""
         return partial(encode_snapshot, {"tracker": self.name, **self._state()})
@@ -76,7 +82,7 @@ class AnonymousTracker:
 
     def _frame(self, chunk: Chunk) -> TrackFrame:
         tracks = self.positions.tracks
-        told = np.flatnonzero(tracks.confirmed & (tracks.missed <= self.positions.settings.report))
+        told = np.flatnonzero(self.positions.told())
         mean, fed = tracks.mean[told], tracks.fed[told].tolist()
         names = self.positions.cameras
         count = len(told)
@@ -100,7 +106,7 @@ class AnonymousTracker:
             y=mean[:, 1].tolist(),
             vx=mean[:, 2].tolist(),
             vy=mean[:, 3].tolist(),
-            covariance=pack_covariances(tracks.covariance[told][:, :2, :2]),
+            covariance=pack_covariances(tracks.spread()[told]),
             state=["confirmed" if mask else "coasting" for mask in fed],
             quality=tracks.quality[told].tolist(),
             **columns,
@@ -111,7 +117,7 @@ class AnonymousTracker:
 
 
 class EvidenceTracker(AnonymousTracker):
-    """Positions at camera rate; on them, names as scans come in."""
+    """Positions at camera rate; on them, names as phones tell what they hear and how they walk."""
 
     name = "evidence"
 
@@ -123,36 +129,55 @@ class EvidenceTracker(AnonymousTracker):
     ) -> None:
         super().__init__(view, settings)
         self.identity = IdentityLayer(view, identity)
+        self.unseen = UnseenRows()
+        self.reviser = Reviser()
         self._heard: set[str] = set()
+        self._revision: Revision | None = None
 
     def step(self, chunk: Chunk) -> TrackFrame:
         """Consume one chunk."""
         self.positions.begin_chunk()
-        for frame in chunk.frames:
-            self.positions.observe(frame)
+        for seen in chunk.frames:
+            self.positions.observe(seen)
         tracks = self.positions.tracks
         sure = tracks.confirmed
+        t = self.positions.t
         self._heard = set()
-        if math.isfinite(self.positions.t):
+        if math.isfinite(t):
+            if t < self.identity.columns.history.newest:
+                self.reviser, self.unseen = Reviser(), UnseenRows()
             self._heard = self.identity.step(
-                self.positions.t, tracks.ids[sure], tracks.mean[sure, :2], chunk.scans, chunk.motions
+                t, tracks.ids[sure], tracks.mean[sure, :2], tracks.missed[sure] > 0.5, chunk.scans, chunk.motions
             )
         for erasure in chunk.erasures:
             self.identity.erase(erasure.device)
+            self.reviser.erase(erasure.device)
+            self.unseen.erase(erasure.device)
             self._heard.discard(erasure.device)
-        return self._frame(chunk)
+        frame = self._frame(chunk)
+        self._revision = self.reviser.revise(chunk.index, self.name, frame, self.identity)
+        return frame
+
+    def revision(self) -> Revision | None:
+        """Return where the last step changed what the steps before it had said."""
+        return self._revision
 
     def ignored(self) -> dict[str, int]:
         """Return how much could not be used so far, by reason."""
         return {**super().ignored(), **self.identity.ignored}
 
+    def _frame(self, chunk: Chunk) -> TrackFrame:
+        frame = super()._frame(chunk)
+        rows = self.unseen.rows(self.identity, set(frame.track), self.positions.new_id)
+        return with_rows(frame, rows, self.positions.view.floor)
+
     def _name(self, columns: dict[str, Any]) -> None:
         layer = self.identity
         if not columns["track"] or not any(device is not None for device in layer.devices):
             return
-        places = layer.columns(np.array(columns["track"]))
+        places = layer.columns.of(np.array(columns["track"]))
         chances = layer.probability[:, places]
-        owner = np.full(len(layer.tracks), -1)
+        owner = np.full(len(layer.columns.tracks), -1)
         owner[layer.given[layer.given >= 0]] = np.flatnonzero(layer.given >= 0)
         owners = owner[places]
         owned = np.flatnonzero(owners >= 0)
@@ -174,12 +199,19 @@ class EvidenceTracker(AnonymousTracker):
                 columns["runner_up_probability"][index] = rated[index]
 
     def _state(self) -> dict[str, Any]:
-        return {**super()._state(), "identity": self.identity.state()}
+        return {
+            **super()._state(),
+            "identity": self.identity.state(),
+            "reviser": self.reviser.state(),
+            "unseen": self.unseen.state(),
+        }
 
     def _restore(self, parts: dict[str, Any]) -> None:
-        positions, identity = parts["positions"], parts["identity"]
-        # Restored into fresh layers first: a broken state leaves the tracker as it was.
-        fresh = AnonymousLayer(self.positions.view, self.positions.settings)
-        fresh.restore(positions)
-        self.identity.restore(identity)
-        self.positions = fresh
+        # Restored into fresh ones first: a broken state leaves the tracker as it was.
+        positions = AnonymousLayer(self.positions.view, self.positions.settings)
+        positions.restore(parts["positions"])
+        identity = IdentityLayer(self.positions.view, self.identity.settings)
+        identity.restore(parts["identity"])
+        reviser, unseen = Reviser.restored(parts["reviser"]), UnseenRows.restored(parts["unseen"])
+        self.positions, self.identity, self.reviser, self.unseen = positions, identity, reviser, unseen
+        self._revision = None

@@ -1,11 +1,10 @@
 """What a phone's walk says about which track carries it."""
 
-import math
-
 import numpy as np
 import pytest
 
-from services.fusion.evidence.motion_evidence import LIMIT, Walk, WalkFilters, walks_of
+from services.fusion.evidence.motion_evidence import LIMIT, WalkFilters
+from services.fusion.evidence.walks import Walk
 
 ROWS = np.array([0, 1])
 
@@ -61,18 +60,37 @@ def test_no_second_says_more_than_the_limit() -> None:
     assert (np.abs(wild) <= LIMIT).all()
 
 
-def test_a_batch_is_cut_into_seconds_and_steps_are_summed() -> None:
-    walks = walks_of(10.0, 12.0, [10.4, 11.0, 11.6], [0.7, 0.6, 0.7], [0.1, 0.1, 0.2], [0.03, 0.03, 0.03])
-    assert [(walk.t_start, walk.t) for walk in walks] == [(10.0, 11.0), (11.0, 12.0)]
-    assert walks[0].length == pytest.approx(1.3)
-    assert walks[1].heading == pytest.approx(0.2)
+def test_to_go_on_standing_says_nothing_for_anybody() -> None:
+    still = [Walk(float(n), n + 1.0, 0.0, float("nan"), 0.0) for n in range(20)]
+    evidence = total(still, np.zeros((20, 2)), np.full((20, 2), 0.7))
+    assert -1.0 < evidence[0] < 2.0
+    assert evidence[1] < -20.0
 
 
-def test_no_steps_means_standing_and_unknown_headings_are_none() -> None:
-    (still,) = walks_of(10.0, 11.0, [], [], [], [])
-    assert still.length == 0.0
-    assert math.isnan(still.heading)
-    (unknown,) = walks_of(10.0, 11.0, [10.5], [0.7], [0.1], [9.9])
-    assert math.isnan(unknown.heading)
-    assert walks_of(10.0, 10.1, [], [], [], []) == []
-    assert walks_of(10.0, 99.0, [], [], [], []) == []
+def test_a_stride_that_is_told_too_long_is_found_out() -> None:
+    filters = WalkFilters.new(1, 2)
+    columns = np.array([0, 1])
+    for n, heading in enumerate(TURNS * 3):
+        moved = np.array([np.cos(heading), np.sin(heading)])
+        filters.walk(0, columns, Walk(float(n), n + 1.0, 1.25, heading, 0.03), np.array([moved, 1.25 * moved]))
+    assert filters.scale[0] == pytest.approx([1.25, 1.0], abs=0.06)
+
+
+def test_either_side_of_a_doubtful_heading_is_believed() -> None:
+    """Front or back of a pocket: the walk is told turned about, with the right way as the other one."""
+    doubtful = [
+        Walk(float(n), n + 1.0, 1.2, heading + np.pi, 0.03, other=heading, other_probability=0.4)
+        for n, heading in enumerate(TURNS)
+    ]
+    evidence = total(doubtful, moves(TURNS), moves(TURNS[::-1]))
+    assert evidence[0] > evidence[1] + 5.0
+
+
+def test_a_new_walk_forgets_bias_and_scale() -> None:
+    filters = WalkFilters.new(1, 2)
+    first = Walk(0.0, 1.0, 1.2, 0.4, 0.03, number=1)
+    filters.begin(0, first)
+    filters.walk(0, ROWS, first, moves([0.0, 0.0]))
+    assert filters.bias[0, 0] > 0.05
+    filters.begin(0, Walk(1.0, 2.0, 1.2, 0.4, 0.03, number=2))
+    assert (filters.bias[0] == 0.0).all()

@@ -1,68 +1,78 @@
-"""The incremental radio filter against the one big Gaussian, and what the evidence must and must not say."""
+"""What one scan says for places, and how much of it is new."""
+
+import math
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.fusion.evidence.radio_evidence import PathFilters
-from shared.radio import PathLoss, RadioNoise, log_likelihood
-
-NOISE = RadioNoise(white=2.0, shadowing=4.0, shadowing_range=3.0, access_point=3.0, device=2.5)
-ROW = np.zeros(1, np.int64)
-
-
-def filtered(residual: np.ndarray, along: np.ndarray, heard: np.ndarray) -> float:
-    """Sum of the filter's predictive log-likelihoods of (n, m) residuals at (n,) positions along a straight line."""
-    points = residual.shape[1]
-    filters = PathFilters.new(1, 1, np.full(points, NOISE.access_point**2), NOISE)
-    total = 0.0
-    for index in range(len(residual)):
-        kept = np.exp(-abs(along[index] - along[index - 1]) / NOISE.shadowing_range) if index else 0.0
-        here, rest = np.flatnonzero(heard[index]), np.flatnonzero(~heard[index])
-        variance = np.full((1, len(here)), NOISE.shadowing**2)
-        total += float(
-            filters.scan(
-                0, ROW, here, residual[index, here][None], np.array([kept]), variance, NOISE.white**2
-            )[0]
-        )  # fmt: skip
-        filters.fade(0, ROW, rest, np.array([kept]), np.full((1, len(rest)), NOISE.shadowing**2))
-    return total
+from services.fusion.evidence.calibration import Calibration
+from services.fusion.evidence.hearing import Hearing
+from services.fusion.evidence.radio_evidence import novelty, scan_likelihood
+from shared.radio import PathLoss
 
 
-@settings(deadline=None, max_examples=40)
-@given(seed=st.integers(0, 2**32), scans=st.integers(1, 12), points=st.integers(1, 5))
-def test_the_filter_is_the_gaussian_exactly_on_a_straight_path(seed: int, scans: int, points: int) -> None:
-    """Also where access points are missing from a scan, and where the person stands still for a while."""
+@settings(deadline=None, max_examples=60)
+@given(seed=st.integers(0, 2**32), points=st.integers(1, 8))
+def test_the_offset_is_marginalised_exactly(seed: int, points: int) -> None:
+    """Against the Gaussian whose covariance is written out; residuals within the limit of outliers."""
     rng = np.random.default_rng(seed)
-    along = np.cumsum(rng.choice([0.0, 0.7, 1.4], scans))
-    residual = rng.normal(0, 6, (scans, points))
-    heard = rng.random((scans, points)) < 0.7
-    heard[:, 0] = True
-    index, point = np.nonzero(heard)
-    places = np.column_stack([along[index], np.zeros(len(index))])
-    expected = log_likelihood(residual[heard], places, point, NOISE)
-    assert filtered(residual, along, heard) == pytest.approx(expected, rel=1e-9, abs=1e-8)
-
-
-def test_standing_still_adds_little() -> None:
-    """A hundred scans on one spot tell two places apart hardly better than three do."""
-    rng = np.random.default_rng(4)
-    error = rng.normal(0, NOISE.white, (100, 4))
-    heard = np.ones((100, 4), np.bool_)
-    spot = np.zeros(100)
-    here, there = error, error + np.array([5.0, -5.0, 5.0, -5.0])
-    after_three = filtered(here[:3], spot[:3], heard[:3]) - filtered(there[:3], spot[:3], heard[:3])
-    after_all = filtered(here, spot, heard) - filtered(there, spot, heard)
-    assert after_all - after_three < 2.0
+    residual, variance = rng.uniform(-4, 4, (3, points)), rng.uniform(9.0, 30.0, points)
+    offset, spread = rng.uniform(-2, 2), rng.uniform(1.0, 9.0)
+    covariance = np.diag(variance) + spread
+    expected = [
+        -0.5 * (r - offset) @ np.linalg.solve(covariance, r - offset) - 0.5 * np.linalg.slogdet(covariance)[1]
+        for r in residual
+    ]
+    assert scan_likelihood(residual, variance, offset, spread) == pytest.approx(expected)
 
 
 def test_a_phone_that_hears_everything_weaker_is_forgiven() -> None:
-    heard = np.ones((5, 6), np.bool_)
-    along = np.arange(5.0)
-    common = filtered(np.full((5, 6), -6.0), along, heard)
-    mixed = filtered(np.tile([-6.0, 6.0], (5, 3)), along, heard)
-    assert common > mixed
+    common, mixed = scan_likelihood(np.array([[-6.0] * 6, [-6.0, 6.0] * 3]), np.full(6, 20.0), 0.0, 9.0)
+    assert common > mixed + 3.0
+
+
+def test_an_outlier_says_no_more_than_the_limit() -> None:
+    far, farther = scan_likelihood(np.array([[40.0, 0.0], [80.0, 0.0]]), np.full(2, 20.0), 0.0, 4.0)
+    assert far == farther
+
+
+def test_a_still_phone_tells_nothing_new_at_whatever_rate() -> None:
+    slow = novelty(1.0, 0.0, 60.0, 2.5)
+    quick = 1.0 - np.prod([1.0 - novelty(0.1, 0.0, 60.0, 2.5)] * 10)
+    assert slow == pytest.approx(quick)
+    assert slow < 0.02
+    assert novelty(1.0, 1.2, 60.0, 2.5) > 0.3
+    assert novelty(math.inf, 0.0, 60.0, 2.5) == 1.0
+
+
+def test_ten_scans_a_second_are_gathered_into_one() -> None:
+    hearing = Hearing(0.0, 9.0)
+    gathered = [hearing.take(100.0 + number / 10, {0: -50.0 - number % 2, 2: -70.0}, 0.9) for number in range(41)]
+    whole = [one for one in gathered if one is not None]
+    assert len(whole) == 5
+    assert whole[0].elapsed == math.inf
+    assert whole[2].level == pytest.approx([-50.5, -70.0], abs=0.1)
+    assert whole[2].count.sum() == pytest.approx(18, abs=2)
+    assert Hearing.restored(hearing.state()) == hearing
+
+
+def test_access_points_are_learned_though_nobody_knows_exactly_where_the_phones_are() -> None:
+    model = PathLoss(
+        ("a", "b"), np.array([[0.0, 0.0, 3.0], [20.0, 0.0, 3.0]]), np.array([-40.0, -40.0]), np.array([2.2, 2.2])
+    )
+    calibration = Calibration.of(model)
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        place = rng.uniform([0, 0], [20, 10])
+        level = model.rssi(place[None])[0] + np.array([-7.0, 4.0]) + rng.normal(0, 4, 2)
+        seen = place[None] + rng.normal(0, 1, (1, 2))
+        residual = level - calibration.rssi(seen)[0]
+        calibration.learn(np.array([0, 1]), model.log_distance(seen)[0], residual, np.full(2, 1 / 16))
+        calibration.solve()
+    error = calibration.rssi(np.array([[10.0, 5.0]])) - model.rssi(np.array([[10.0, 5.0]]))
+    assert error[0] == pytest.approx([-7.0, 4.0], abs=0.8)
 
 
 def test_path_loss_falls_by_ten_n_per_decade_and_stays_finite_at_the_antenna() -> None:
