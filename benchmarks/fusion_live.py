@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -124,13 +125,15 @@ def run_live(
     """
     endpoint, keys, heard = f"tcp/127.0.0.1:{_unused_port()}", Keys(site), _Heard()
     memory: list[tuple[float, float]] = []
+    words: deque[str] = deque(maxlen=10)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         session = stack.enter_context(router(endpoint))
         session.declare_subscriber(keys.chunks(area), heard.mark)
         session.declare_subscriber(keys.tracks(area), heard.track)
         launcher = Launcher(
-            {"ATRIUM_BUS": f'["{endpoint}"]', "ATRIUM_SITE_FILE": str(site_file), "ATRIUM_PROFILE": "demo"}
+            {"ATRIUM_BUS": f'["{endpoint}"]', "ATRIUM_SITE_FILE": str(site_file), "ATRIUM_PROFILE": "demo"},
+            lambda name, line: words.append(line),
         )
         stack.callback(launcher.stop)
         settings = {"ATRIUM_AREA": area, "ATRIUM_LOG_LEVEL": "warning", "ATRIUM_STATE_FOLDER": str(folder)}
@@ -149,7 +152,7 @@ def run_live(
             while generator.poll() is None or time.time() - heard.last < QUIET:
                 time.sleep(LOOK_EVERY)
                 if not launcher.running()["fusion"]:
-                    raise ExperimentError("fusion ended under the load")
+                    raise ExperimentError("fusion ended under the load:\n" + "\n".join(words))
                 if heard.marks:
                     memory.append((heard.passed, resident_mb(process)))
                     progress(heard.passed)
