@@ -13,7 +13,7 @@ from rich.progress import Progress
 from benchmarks.eth_recording import eth_carriers, eth_recording
 from benchmarks.experiment import Experiment, Figures, Options
 from benchmarks.phone_folds import EMULATED, POINTS, SCORED, Case, Split, add_options, draw_curves, measure
-from benchmarks.phones_on_tracks import AROUND, between, phones_on
+from benchmarks.phones_on_tracks import AROUND, between, only_phones, phones_on
 
 __all__ = ["EXPERIMENT", "eth_halves", "main"]
 
@@ -23,12 +23,12 @@ LEAD = 10.0
 
 def eth_halves(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[Split]:
     """Return the second half of the recording, taught by the first: other people, other phones."""
-    recording, carriers = eth_recording(points), eth_carriers(seed)
-    record = phones_on(recording, carriers, seed, every=every)
+    recording = eth_recording(points)
+    record = phones_on(recording, eth_carriers(seed), seed, every=every)
     begin, half, end = recording.t[0], recording.t[len(recording.t) // 2], recording.t[-1]
     late = recording.position[recording.t >= half - LEAD]
-    staying = {recording.person[column] for column in np.unique(np.nonzero(np.isfinite(late[..., 0]))[1]).tolist()}
-    teachers = phones_on(recording, [one for one in carriers if one not in staying], seed, every=every)
+    staying = np.unique(np.nonzero(np.isfinite(late[..., 0]))[1]).tolist()
+    teachers = only_phones(record, set(record.scans) - {f"phone-{recording.person[column]}" for column in staying})
     return [
         Split(
             test=between(record, half - LEAD, end + AROUND + 1.0),

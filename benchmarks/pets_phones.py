@@ -16,7 +16,7 @@ from benchmarks.fusion_run import run_fusion
 from benchmarks.pets_detections import ORIGIN, load_detections
 from benchmarks.pets_truth import FRAMES, FRAMES_PER_S, PetsTruth
 from benchmarks.phone_folds import EMULATED, POINTS, SCORED, Case, Split, add_options, draw_curves, measure
-from benchmarks.phones_on_tracks import AROUND, Recording, between, phones_on, ring_of, with_site_points
+from benchmarks.phones_on_tracks import AROUND, Recording, between, only_phones, phones_on, ring_of, with_site_points
 from benchmarks.phones_picture import draw_overlays
 from services.cli.demo import find_site
 from shared.site import load_site
@@ -65,8 +65,8 @@ def pets_folds(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[S
     The tested run has phones on everybody, as ever; scores count for its half alone. Ten seconds between teaching
     and testing belong to neither.
     """
-    recording = pets_recording(points)
-    whole = phones_on(recording, recording.person, seed, every=every)
+    [split] = pets_whole(seed, points, every)
+    whole, devices = split.test, list(split.test.scans)
     begin, half, end = ORIGIN, ORIGIN + FRAMES / FRAMES_PER_S / 2.0, ORIGIN + FRAMES / FRAMES_PER_S
     spans = {
         "first": (begin - AROUND - 1.0, begin, half),
@@ -75,14 +75,14 @@ def pets_folds(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[S
     teaching = {"first": (half + LEAD, end + AROUND + 1.0), "second": (begin - AROUND - 1.0, half - LEAD)}
     splits = []
     for group in range(GROUPS):
-        tested = recording.person[group::GROUPS]
-        teachers = phones_on(recording, [one for one in recording.person if one not in tested], seed, every=every)
+        tested = devices[group::GROUPS]
+        teachers = only_phones(whole, set(devices) - set(tested))
         for name, (first, start, last) in spans.items():
             splits.append(
                 Split(
                     test=between(whole, first, last),
                     start=start,
-                    devices=[f"phone-{one}" for one in tested],
+                    devices=tested,
                     teach=between(teachers, *teaching[name]),
                 )
             )
@@ -91,14 +91,12 @@ def pets_folds(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[S
 
 def pets_wide(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[Split]:
     """Return the whole clip for each half of the people, taught by the others' phones over the whole clip."""
-    recording = pets_recording(points)
-    whole = phones_on(recording, recording.person, seed, every=every)
-    splits = []
-    for group in range(GROUPS):
-        tested = recording.person[group::GROUPS]
-        teachers = phones_on(recording, [one for one in recording.person if one not in tested], seed, every=every)
-        splits.append(Split(whole, ORIGIN, [f"phone-{one}" for one in tested], teachers))
-    return splits
+    [split] = pets_whole(seed, points, every)
+    devices = list(split.test.scans)
+    return [
+        Split(split.test, ORIGIN, tested, only_phones(split.test, set(devices) - set(tested)))
+        for tested in (devices[group::GROUPS] for group in range(GROUPS))
+    ]
 
 
 def run(options: Options, progress: Progress) -> Figures:

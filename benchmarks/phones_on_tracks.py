@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +22,17 @@ from services.simulator.seeds import generator
 from shared.messages import DetectionFrame, MotionBatch, RadioScan
 from shared.site import AccessPoint, Site
 
-__all__ = ["AROUND", "RADIO", "Recording", "between", "phones_on", "ring_of", "with_site_points", "without_motion"]
+__all__ = [
+    "AROUND",
+    "RADIO",
+    "Recording",
+    "between",
+    "only_phones",
+    "phones_on",
+    "ring_of",
+    "with_site_points",
+    "without_motion",
+]
 
 Array = NDArray[np.float64]
 
@@ -183,6 +193,31 @@ def between(record: WorldRecord, start: float, end: float) -> WorldRecord:
         scans={device: [scan for scan in scans if start <= scan.t < end] for device, scans in record.scans.items()},
         motions={device: [one for one in mine if start <= one.t < end] for device, mine in record.motions.items()},
         truth=Truth(truth.t[times], truth.person, truth.device, truth.position[times], truth.in_view[times]),
+        view=record.view,
+    )
+
+
+def only_phones(record: WorldRecord, devices: Collection[str]) -> WorldRecord:
+    """Return the record as if nobody but the carriers of ``devices`` had a phone; all people are still there."""
+    truth = record.truth
+    return WorldRecord(
+        site=record.site,
+        area=record.area,
+        arrivals=[
+            arrival
+            for arrival in record.arrivals
+            if isinstance(arrival[1], DetectionFrame) or arrival[1].device in devices
+        ],
+        frames=record.frames,
+        scans={device: scans for device, scans in record.scans.items() if device in devices},
+        motions={device: mine for device, mine in record.motions.items() if device in devices},
+        truth=Truth(
+            truth.t,
+            truth.person,
+            [device if device in devices else None for device in truth.device],
+            truth.position,
+            truth.in_view,
+        ),
         view=record.view,
     )
 

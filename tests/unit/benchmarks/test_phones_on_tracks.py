@@ -12,6 +12,7 @@ from benchmarks.phones_on_tracks import (
     AROUND,
     Recording,
     between,
+    only_phones,
     phones_on,
     ring_of,
     with_site_points,
@@ -72,6 +73,7 @@ def test_strength_falls_with_distance_from_an_access_point(record: WorldRecord) 
 
 def test_a_persons_phone_does_not_depend_on_who_else_carries_one(recording: Recording, record: WorldRecord) -> None:
     alone = phones_on(recording, ["2"], 5)
+    assert only_phones(record, {"phone-2"}).arrivals == alone.arrivals
     assert alone.scans["phone-2"] == record.scans["phone-2"]
     assert alone.motions["phone-2"] == record.motions["phone-2"]
     assert alone.truth.device == [None, "phone-2"]
