@@ -29,12 +29,12 @@ EXPERIMENT = Experiment(
     seed=12,
     run=run,
     made="""A whole 40-minute run at the test seed. Errors are RMSE of each carrier in each minute over the
-times in view, except `evloc`: mean error while both truth and estimate are in view. `twolayer` is the shipped
-tracker, causal, radio constants unknown. Anonymous `vision` and `cv` are matched to people minute by minute, with
-the truth's help.""",
+times in view, except `evloc`: mean error while both truth and estimate are in view. `evidence` is the shipped
+tracker, `rbmcda` the particle filter, `forces` the same with social forces; causal, radio constants
+unknown. Anonymous `vision` and `cv` are matched to people minute by minute, with the truth's help.""",
     studies={
-        "trial1_p50_twolayer": Study("0.56 (RAVEL, 60 s, off-line)", HALL),
-        "trial1_p90_twolayer": Study("1 (RAVEL, 60 s, off-line)", HALL),
+        "trial1_p50_evidence": Study("0.56 (RAVEL, 60 s, off-line)", HALL),
+        "trial1_p90_evidence": Study("1 (RAVEL, 60 s, off-line)", HALL),
         "trial1_p90_evloc": Study(2.1, HALL),
         "trial1_p50_vision": Study("about 1 (60 s, right start)", HALL),
         "trial1_p90_vision": Study("4.6 (60 s, right start)", HALL),

@@ -1,4 +1,4 @@
-"""How well do the plain methods and the shipped fusion do in one scenario of the twin? The errors of all its areas."""
+"""How well do plain methods and trackers do in one scenario of the twin? The errors of all its areas."""
 
 from __future__ import annotations
 
@@ -26,13 +26,17 @@ __all__ = ["TwinScores", "draw_cdfs", "figures_of", "score_twin", "used_access_p
 
 Array = NDArray[np.float64]
 
-FUSION = "twolayer"
-"""What the shipped tracker is called among the methods."""
+FUSION = "evidence"
+"""The shipped tracker, by its name among the methods …"""
+METHODS = {FUSION: FUSION, "rbmcda": "rbmcda", "forces": "rbmcda-forces"}
+"""… and all that name phones: tracker by method."""
 NAMES = {
     "radio": "radio only (Horus)",
     "vision": "vision only, 1 Hz (RBMCDA)",
     "cv": "vision only, every frame",
     "evloc": "EV-Loc",
+    "rbmcda": "particle filter (RBMCDA)",
+    "forces": "particle filter, social forces",
     FUSION: "shipped fusion",
 }
 
@@ -44,7 +48,7 @@ class TwinScores:
     Attributes:
         errors: (w,) metres per method, one per person and one-minute window.
         half: the same, of minutes at least half of which the person was in view.
-        identity: of the names on tracks; None where nobody named any.
+        identity: of the names on the shipped tracker's tracks; None where nobody named any.
     """
 
     errors: dict[str, Array] = field(default_factory=dict)
@@ -61,7 +65,7 @@ def score_twin(
         scenario: a shipped one's name.
         seed: of the world.
         seconds: how much of it; None: all.
-        fusion: run the shipped tracker too.
+        fusion: run the trackers that name phones too.
         access_points: how many of the site's the tracker is given; None: all. Horus always has all of them.
     """
     described, site = load(scenario)
@@ -73,10 +77,12 @@ def score_twin(
         errors = dict(baseline_window_errors(record, survey))
         if fusion:
             chosen = with_access_points(record, used_access_points(record, access_points))
-            tracks = run_fusion(chosen).frames
-            estimate = named_positions(record.truth, tracks)
-            errors[FUSION] = window_rmse(record.truth, estimate, centre_of(record.view)).rmse
-            identities.append(score_identity(_each_second(record.truth), tracks))
+            for method, tracker in METHODS.items():
+                tracks = run_fusion(chosen, tracker).frames
+                estimate = named_positions(record.truth, tracks)
+                errors[method] = window_rmse(record.truth, estimate, centre_of(record.view)).rmse
+                if method == FUSION:
+                    identities.append(score_identity(_each_second(record.truth), tracks))
         half = _half_in_view(record.truth)
         for method, values in errors.items():
             there = np.isfinite(values)

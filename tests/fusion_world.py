@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.fusion.area_view import AreaView
-from services.fusion.chunks import PERIOD, Chunker
+from services.fusion.chunks import PERIOD, Chunker, ChunkerSettings
 from services.fusion.tracker import Chunk
 from services.simulator.radio.radio_world import RadioWorld
 from shared.messages import DetectionFrame, MotionBatch, RadioScan, TrackFrame
@@ -184,13 +184,13 @@ class World:
                 )
         return sorted(made, key=lambda batch: (batch.t, batch.device))
 
-    def chunks(self, *, motion: bool = True) -> list[Chunk]:
+    def chunks(self, *, motion: bool = True, period: float = PERIOD) -> list[Chunk]:
         """All of it through a chunker, phones half a second late."""
         events: list[tuple[float, int, DetectionFrame | RadioScan | MotionBatch]] = []
         events += [(f.t, 2, f) for f in self.frames()]
         events += [(s.t + 0.5, 0, s) for s in self.scans()]
         events += [(m.t + 0.5, 1, m) for m in self.motions()] if motion else []
-        chunker, closed = Chunker(), []
+        chunker, closed = Chunker(ChunkerSettings(period=period)), []
         for number, (_, kind, message) in enumerate(sorted(events, key=lambda event: event[:2])):
             if isinstance(message, DetectionFrame):
                 closed += chunker.add_frame(message, f"{kind}-{number}")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from services.fusion.area_view import AreaView
 from services.fusion.evidence.tracker import AnonymousTracker, EvidenceTracker
+from services.fusion.rbmcda.tracker import ForcedRbmcdaTracker, RbmcdaTracker
 from services.fusion.tracker import Tracker
 
 __all__ = ["DEFAULT_TRACKER", "TRACKERS", "make_tracker"]
@@ -15,6 +16,8 @@ Factory = Callable[[AreaView, int], Tracker]
 TRACKERS: dict[str, Factory] = {
     AnonymousTracker.name: lambda view, seed: AnonymousTracker(view),
     EvidenceTracker.name: lambda view, seed: EvidenceTracker(view),
+    RbmcdaTracker.name: RbmcdaTracker,
+    ForcedRbmcdaTracker.name: ForcedRbmcdaTracker,
 }
 """Each makes a tracker of an area; the seed is for those that draw random numbers."""
 

@@ -1,0 +1,324 @@
+"""The original identity filter as a tracker: one cycle a second, every phone that is heard, nobody else."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from services.fusion.area_view import AreaView
+from services.fusion.forces import ForceSettings, Obstacles, displacement
+from services.fusion.rbmcda.births import birth
+from services.fusion.rbmcda.inertial import Displacement, WalkLog
+from services.fusion.rbmcda.particles import Cycle, Draws, Estimate, Particles, run_cycle
+from services.fusion.rbmcda.readings import Readings
+from services.fusion.rbmcda.settings import RbmcdaSettings
+from services.fusion.rbmcda.sightings import SightingLinks, Sightings
+from services.fusion.rbmcda.surroundings import Surroundings
+from services.fusion.snapshot import counts, encode_snapshot, unpack
+from services.fusion.tracker import Chunk, TrackerStateError
+from shared.messages import Revision, TrackFrame, pack_covariances
+
+__all__ = ["ForcedRbmcdaTracker", "RbmcdaTracker"]
+
+Array = NDArray[np.float64]
+
+
+class RbmcdaTracker:
+    """Where every phone is: particles over (who was seen where), unscented filters given them [ravel-thesis §6]."""
+
+    name = "rbmcda"
+    cycle = 1.0
+
+    def __init__(self, view: AreaView, seed: int = 0, settings: RbmcdaSettings | None = None) -> None:
+        self.view = view
+        self.settings = settings or RbmcdaSettings()
+        self._around = Surroundings(view, self.settings)
+        self._obstacles = Obstacles.of_plan(view.plan) if self.settings.forces else None
+        self._generator = np.random.default_rng(seed)
+        self._count: Counter[str] = Counter()
+        self._next_id = 1
+        self._forget_everybody()
+
+    def _forget_everybody(self) -> None:
+        self._particles = Particles.empty(self.settings.particles, len(self.view.radio.names))
+        self._devices: list[str] = []
+        self._ids: list[int] = []
+        self._told: dict[str, float] = {}
+        self._walks: dict[str, WalkLog] = {}
+        self._readings = Readings(self.view.radio.names, self.settings)
+        self._links = SightingLinks(self.view.lower, self.view.upper, self.settings)
+        self._t = -math.inf
+
+    def step(self, chunk: Chunk) -> TrackFrame:
+        """Consume one chunk: a cycle."""
+        frames = [
+            frame
+            for frame in chunk.frames
+            if frame.camera in self.view.views and frame.floor == self.view.floor and math.isfinite(frame.t)
+        ]
+        self._ignore("frame of an unknown camera or floor", len(chunk.frames) - len(frames))
+        t = max((frame.t for frame in frames), default=self._t)
+        if t < self._t - self.settings.set_back or t > self._t + self.settings.forget:
+            self._forget_everybody()
+        t = max(t, self._t)
+        before = self._t if math.isfinite(self._t) else t - self.cycle
+        self._listen(chunk, t)
+        for erasure in chunk.erasures:
+            self._forget(erasure.device)
+        if not frames:
+            return self._frame(chunk, None, [])
+        self._t = t
+        for device in [name for name in self._told if t - self._told[name] > self.settings.forget]:
+            self._forget(device)
+        seen, nonsense = self._links.cycle(frames, t)
+        self._ignore("detection without a place on the floor", nonsense)
+        reading, noise = self._readings.of_cycle(self._told)
+        born = self._births(reading, noise)
+        motions = [self._walk(device).advance(before, t, self.settings) for device in self._devices]
+        live = {frame.camera for frame in frames}
+        cycle = self._cycle(before, t, motions, reading, noise, seen, live, born)
+        draws = Draws.of(self._generator, self.settings.particles, len(self._devices))
+        self._particles, estimate = run_cycle(self._particles, cycle, self.settings, draws)
+        self._readings.learn(self._devices, estimate.mean.T, self._around.expected)
+        return self._frame(chunk, estimate, motions, seen)
+
+    def revision(self) -> Revision | None:
+        """Return nothing: what was said stands."""
+        return None
+
+    def ignored(self) -> dict[str, int]:
+        """Return how much could not be used so far, by reason."""
+        return dict(self._count)
+
+    def snapshot(self) -> Callable[[], bytes]:
+        """Copy all the tracker knows; calling the result encodes the copy."""
+        generator = self._generator.bit_generator.state
+        particles = self._particles
+        return partial(
+            encode_snapshot,
+            {
+                "tracker": self.name,
+                "t": self._t if math.isfinite(self._t) else None,
+                "generator": {
+                    **{key: str(value) for key, value in generator["state"].items()},
+                    "has_uint32": generator["has_uint32"],
+                    "uinteger": generator["uinteger"],
+                },
+                "particles": {name: getattr(particles, name) for name in _ARRAYS},
+                "devices": list(self._devices),
+                "ids": list(self._ids),
+                "next_id": self._next_id,
+                "told": dict(self._told),
+                "walks": {device: walk.state() for device, walk in self._walks.items()},
+                "readings": self._readings.state(),
+                "links": self._links.state(),
+                "ignored": dict(self._count),
+            },
+        )
+
+    def state(self) -> bytes:
+        """Return all the tracker knows, as JSON."""
+        return self.snapshot()()
+
+    def restore(self, state: bytes) -> None:
+        """Go on from a state of the same tracker."""
+        try:
+            parts = msgspec.json.decode(state)
+            if parts["tracker"] != self.name:
+                raise TrackerStateError(f"a state of tracker {parts['tracker']!r}, expected {self.name!r}")
+            particles = Particles(**{name: unpack(parts["particles"][name]) for name in _ARRAYS})
+            expected = self.settings.particles, len(self.view.radio.names) + 2, len(parts["devices"])
+            if (len(particles.weight), len(particles.mean), particles.mean.shape[2]) != expected:
+                raise TrackerStateError(f"a state of another number of particles or access points than {expected[:2]}")
+            walks = {device: WalkLog.of(walk) for device, walk in parts["walks"].items()}
+            readings = Readings(self.view.radio.names, self.settings)
+            readings.restore(parts["readings"])
+            links = SightingLinks(self.view.lower, self.view.upper, self.settings)
+            links.restore(parts["links"])
+            generator = np.random.default_rng()
+            generator.bit_generator.state = {
+                "bit_generator": "PCG64",
+                "state": {key: int(parts["generator"][key]) for key in ("state", "inc")},
+                "has_uint32": parts["generator"]["has_uint32"],
+                "uinteger": parts["generator"]["uinteger"],
+            }
+            t, count = parts["t"], counts(parts["ignored"])
+            devices, ids, next_id, told = parts["devices"], parts["ids"], parts["next_id"], parts["told"]
+        except TrackerStateError:
+            raise
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise TrackerStateError(f"not a state of tracker {self.name!r}: {error}") from error
+        self._particles, self._walks, self._readings, self._generator = particles, walks, readings, generator
+        self._devices, self._ids, self._next_id, self._told = devices, ids, next_id, told
+        self._links = links
+        self._t, self._count = -math.inf if t is None else t, count
+
+    def _ignore(self, reason: str, count: int = 1) -> None:
+        if count:
+            self._count[reason] += count
+
+    def _walk(self, device: str) -> WalkLog:
+        return self._walks.setdefault(device, WalkLog())
+
+    def _listen(self, chunk: Chunk, t: float) -> None:
+        """Note what phones told, up to a few seconds around the cycle."""
+        for scan in chunk.scans:
+            if scan.late or not abs(t - scan.t) < self.settings.forget:
+                self._ignore("radio scan of another time")
+            elif self._readings.take(scan):
+                self._told[scan.device] = max(scan.t, self._told.get(scan.device, scan.t))
+            else:
+                self._ignore("radio scan without a known access point")
+        for motion in chunk.motions:
+            if motion.late or not abs(t - motion.t) < self.settings.forget:
+                self._ignore("motion report of another time")
+            elif self._walk(motion.device).take(motion):
+                self._told[motion.device] = max(motion.t, self._told.get(motion.device, motion.t))
+            else:
+                self._ignore("motion report that ends before it begins")
+
+    def _forget(self, device: str) -> None:
+        self._told.pop(device, None)
+        self._walks.pop(device, None)
+        self._readings.forget(device)
+        if device in self._devices:
+            index = self._devices.index(device)
+            self._particles = self._particles.without(index)
+            del self._devices[index], self._ids[index]
+
+    def _births(self, reading: dict[str, Array], noise: dict[str, Array]) -> dict[int, tuple[Array, Array, float]]:
+        """Return where each device that was heard may be as far as this scan tells; let new ones exist, out of view."""
+        around, anew = self._around, {}
+        for device, level in reading.items():
+            found = birth(around.grid, around.expected_on_grid, level, noise[device], around.bias)
+            if device not in self._devices:
+                self._particles = self._particles.with_device(found[0], found[1])
+                self._devices.append(device)
+                self._ids.append(self._next_id)
+                self._next_id += 1
+                reading[device] = np.full_like(level, np.nan)
+            else:
+                anew[self._devices.index(device)] = found
+        return anew
+
+    def _cycle(
+        self,
+        before: float,
+        t: float,
+        motions: Sequence[Displacement],
+        reading: dict[str, Array],
+        noise: dict[str, Array],
+        seen: Sightings,
+        live: set[str],
+        anew: dict[int, tuple[Array, Array, float]],
+    ) -> Cycle:
+        settings, count = self.settings, len(self._devices)
+        access_points = len(self.view.radio.names)
+        silent, free = np.full(access_points, np.nan), np.ones(access_points)
+        packed = np.array([motion.variance for motion in motions]).reshape(count, 3).T
+        path = np.array([motion.path for motion in motions])
+        still = np.array([self._walk(device).still_for(t) for device in self._devices])
+        shift = np.array([motion.shift for motion in motions]).reshape(count, 2).T
+        lasting = settings.detection - settings.detection_still
+        cycle = Cycle(
+            t=t,
+            shift=shift,
+            owed=np.array([motion.owed for motion in motions]).reshape(count, 2).T,
+            spread=packed[np.array([[0, 1], [1, 2]])],
+            haste=np.array([motion.haste for motion in motions]),
+            kept=self._around.kept(path, t - before),
+            bias=self._around.bias,
+            reading=np.array([reading.get(device, silent) for device in self._devices]).reshape(count, access_points).T,
+            noise=np.array([noise.get(device, free) for device in self._devices]).reshape(count, access_points).T
+            * np.where(path > 0.1, 1.0, settings.resting),
+            expected=self._around.expected,
+            places=seen.places,
+            place_noise=seen.noise,
+            link=seen.link,
+            stranger=seen.expected,
+            detection=settings.detection_still + lasting * np.exp(-still / settings.fading),
+            in_view=partial(self._around.in_view, live),
+            density=max(len(seen.places), 1) / self._around.floor_seen(live),
+            anew=anew,
+        )
+        if self._obstacles is None or not count:
+            return cycle
+        return replace(
+            cycle, push=partial(_push, shift=shift, dt=min(max(t - before, 0.0), self.cycle), obstacles=self._obstacles)
+        )
+
+    def _frame(
+        self, chunk: Chunk, estimate: Estimate | None, motions: Sequence[Displacement], seen: Sightings | None = None
+    ) -> TrackFrame:
+        t = max((frame.t for frame in chunk.frames if math.isfinite(frame.t)), default=chunk.t_start)
+        if estimate is None or seen is None:
+            return TrackFrame(t=t, area=self.view.area, chunk=chunk.index, tracker=self.name)
+        count = len(self._devices)
+        state: list[Literal["confirmed", "coasting", "unseen"]] = []
+        sources = []
+        for index in range(count):
+            mine = estimate.seen_as[:, index]
+            weight = np.bincount(mine[mine >= 0], estimate.weight[mine >= 0, index], len(seen.places))
+            fed = bool(estimate.fed[index] > 0.5)
+            gone = self._t - estimate.seen[index] > self.settings.lost
+            state.append("confirmed" if fed else "unseen" if gone else "coasting")
+            sources.append((list(seen.cameras[int(weight.argmax())]) if fed else []) + [self._devices[index]])
+        return TrackFrame(
+            t=t,
+            area=self.view.area,
+            chunk=chunk.index,
+            tracker=self.name,
+            track=list(self._ids),
+            floor=[self.view.floor] * count,
+            x=estimate.mean[0].tolist(),
+            y=estimate.mean[1].tolist(),
+            vx=[motion.shift[0] / self.cycle for motion in motions],
+            vy=[motion.shift[1] / self.cycle for motion in motions],
+            covariance=pack_covariances(np.moveaxis(estimate.covariance, -1, 0)),
+            state=state,
+            device=list(self._devices),
+            probability=estimate.agreed.tolist(),
+            runner_up=[None] * count,
+            runner_up_probability=[0.0] * count,
+            former=[[] for _ in range(count)],
+            sources=sources,
+            quality=estimate.agreed.tolist(),
+        )
+
+
+class ForcedRbmcdaTracker(RbmcdaTracker):
+    """The same with social forces in the prediction [ravel-thesis §7]."""
+
+    name = "rbmcda-forces"
+
+    def __init__(self, view: AreaView, seed: int = 0, settings: RbmcdaSettings | None = None) -> None:
+        super().__init__(view, seed, replace(settings or RbmcdaSettings(), forces=True))
+
+
+_ARRAYS = ("weight", "mean", "covariance", "fed", "seen", "link")
+
+
+def _push(
+    positions: Array, alive: NDArray[np.bool_], shift: Array, dt: float, obstacles: Obstacles
+) -> tuple[Array, Array]:
+    """Return what forces add to (2, N, X) predictions, and the Jacobian (2, 2, N, X)."""
+    walking = np.hypot(shift[0], shift[1]) > 0.1
+    heading = np.where(walking, np.arctan2(shift[1], shift[0]), np.nan)
+    places = np.moveaxis(positions, 0, -1)
+    push, slope = displacement(
+        places,
+        alive,
+        np.broadcast_to(heading, alive.shape),
+        obstacles,
+        ForceSettings(dt=dt),
+        np.broadcast_to(shift.T, places.shape),
+    )
+    return np.moveaxis(push, -1, 0), np.moveaxis(slope, (2, 3), (0, 1))
