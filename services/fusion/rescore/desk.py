@@ -14,7 +14,7 @@ import structlog
 from services.fusion.area_view import AreaView
 from services.fusion.rescore.candidate import CandidateError, NoCandidate, apply, read_candidate
 from services.fusion.rescore.recent import RecentChunks
-from services.fusion.rescore.worker import Job
+from services.fusion.rescore.worker import Job, too_few
 from shared.bus import Question
 
 __all__ = ["RescoreDesk"]
@@ -51,11 +51,15 @@ class RescoreDesk:
         except CandidateError as error:
             question.answer(_refusal(str(error)))
             return
+        chunks = self._recent.copy()
+        if not chunks:
+            question.answer(_refusal(too_few(0)))
+            return
         if self._closed or not self._free.acquire(blocking=False):
             question.answer(_refusal("busy: another candidate is being tried; ask again later"))
             return
         asked = None if isinstance(candidate, NoCandidate) else view
-        job = Job(self._recent.copy(), self._tracker, self._seed, self._view, asked, scale)
+        job = Job(chunks, self._tracker, self._seed, self._view, asked, scale)
         threading.Thread(target=self._try, args=(job, question), name="rescore", daemon=True).start()
 
     def close(self) -> None:

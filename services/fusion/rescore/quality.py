@@ -4,7 +4,8 @@ After the incremental log-likelihood ratio of a track [ravel-thesis §8.1, Eq. 5
 scored are a named track's *radio* readings, not its detections; they were withheld from the tracker, so that a model
 cannot praise itself for having pulled the name to where it fits; and the sum is divided by the number of readings, so
 that scores of different lengths compare. Where the tracker named nobody the ratio is 0: not to know is worth nothing,
-and to be wrong is worth less.
+and to be wrong is worth less. Steps are scored likewise, by how far the named track went meanwhile; they are not
+withheld, because what they are held against is what cameras saw.
 """
 
 from __future__ import annotations
@@ -18,13 +19,28 @@ from numpy.typing import NDArray
 
 from shared.radio import PathLoss, RadioNoise, ShadowingMap
 
-__all__ = ["Score", "block_log_likelihood", "null_log_likelihood", "null_of", "places_at", "score_scans", "total"]
+__all__ = [
+    "Score",
+    "block_log_likelihood",
+    "null_log_likelihood",
+    "null_of",
+    "places_at",
+    "score_scans",
+    "score_walks",
+    "total",
+]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 BLOCK = 60
 """Readings whose correlations are written out at once."""
+TRACK_ERROR = 0.25
+"""Metres by which a track's way over a second may be wrong."""
+WALKING = (1.0, 0.5)
+"""Mean and standard deviation of anybody's walking speed, m/s."""
+LIMIT = 4.0
+"""Nats."""
 LEAST_NULL_SIGMA = 3.0
 """dB; nothing without places predicts a reading better."""
 MEMORY = 7.0
@@ -95,6 +111,27 @@ def score_scans(
         gain += block_log_likelihood(level[rows] - expected, spots, columns, variance, noise)
         gain -= null_log_likelihood(level[rows], t[rows], columns, null, noise)
     return Score(len(level), len(known), gain)
+
+
+def score_walks(length: Array, variance: Array, duration: Array, moved: Array) -> Score:
+    """Return the score of one device's stretches of steps: each counts as one reading.
+
+    A stretch is scored by how far the named track went meanwhile, against anybody who walks; no stretch says more than
+    ``LIMIT``.
+
+    Args:
+        length: (n,) sum of the step lengths under the model, metres.
+        variance: (n,) of it, m².
+        duration: (n,) s.
+        moved: (n,) how far the track went, metres; NaN where nobody had the name.
+    """
+    known = np.isfinite(moved)
+    spread = variance[known] + TRACK_ERROR**2
+    usual, usual_spread = WALKING[0] * duration[known], (WALKING[1] * duration[known]) ** 2 + TRACK_ERROR**2
+    model = -0.5 * ((moved[known] - length[known]) ** 2 / spread + np.log(spread))
+    anybody = -0.5 * ((moved[known] - usual) ** 2 / usual_spread + np.log(usual_spread))
+    gain = np.minimum(np.maximum(model - anybody, -LIMIT), LIMIT)
+    return Score(len(length), int(known.sum()), float(gain.sum()))
 
 
 def block_log_likelihood(

@@ -17,7 +17,7 @@ import numpy as np
 from services.fusion.area_view import AreaView
 from services.fusion.evidence.identity_settings import NOISE
 from services.fusion.registry import make_tracker
-from services.fusion.rescore.quality import Array, Integers, Score, null_of, places_at, score_scans
+from services.fusion.rescore.quality import Array, Integers, Score, null_of, places_at, score_scans, score_walks
 from services.fusion.tracker import Chunk
 from shared.messages import MotionBatch, RadioScan
 
@@ -27,6 +27,8 @@ WARM_UP = 60.0
 """Seconds, or a third of the time where that is less, in which the trackers find out who is who."""
 LEAST_SCANS = 20
 """Withheld scans without which nothing can be said."""
+LONGEST_WALK = 2.0
+"""Seconds of steps whose sum is held against a straight way."""
 BRIDGE = 0.6
 """Seconds over which a place between two frames is believed."""
 
@@ -39,12 +41,14 @@ class Withheld:
         scans: how many scans they are of.
         t, level: (n,) s and dBm.
         access_point: (n,) columns of the area's access points.
+        walks: (w, 4) begin, end, metres and their variance of its stretches of steps, after the warm-up.
     """
 
     scans: int
     t: Array
     level: Array
     access_point: Integers
+    walks: Array
 
 
 def withhold(chunks: Sequence[Chunk], names: Sequence[str]) -> tuple[list[Chunk], dict[str, Withheld], float]:
@@ -64,7 +68,14 @@ def withhold(chunks: Sequence[Chunk], names: Sequence[str]) -> tuple[list[Chunk]
             elif scan.t >= scored_from:
                 withheld[scan.device].append(scan)
         kept.append(dataclasses.replace(chunk, scans=tuple(scans)))
-    return kept, {device: _columns(scans, column) for device, scans in sorted(withheld.items())}, end - scored_from
+    walks: dict[str, list[tuple[float, float, float, float]]] = defaultdict(list)
+    for chunk in chunks:
+        for batch in chunk.motions:
+            if batch.t_start >= scored_from and batch.step_t and 0.5 <= batch.t - batch.t_start <= LONGEST_WALK:
+                row = (batch.t_start, batch.t, sum(batch.length), sum(batch.length_variance))
+                walks[batch.device].append(row)
+    columns = {device: _columns(scans, column, walks[device]) for device, scans in sorted(withheld.items())}
+    return kept, columns, end - scored_from
 
 
 def run_trial(
@@ -103,13 +114,18 @@ def run_trial(
     for device, one in withheld.items():
         path = np.array([(t, *spot) for t, spot in sorted(paths[device].items())], float).reshape(-1, 3)
         places = places_at(one.t, path[:, 0], path[:, 1:], BRIDGE)
-        scores[device] = score_scans(
-            one.t, one.level, one.access_point, places, null, view.radio, view.shadowing, NOISE
-        )
+        radio = score_scans(one.t, one.level, one.access_point, places, null, view.radio, view.shadowing, NOISE)
+        begin, end, length, variance = one.walks.T
+        way = places_at(end, path[:, 0], path[:, 1:], BRIDGE) - places_at(begin, path[:, 0], path[:, 1:], BRIDGE)
+        factor = scale.get(device, 1.0)
+        steps = score_walks(factor * length, factor**2 * variance, end - begin, np.hypot(way[:, 0], way[:, 1]))
+        scores[device] = radio + steps
     return scores
 
 
-def _columns(scans: Sequence[RadioScan], column: Mapping[str, int]) -> Withheld:
+def _columns(
+    scans: Sequence[RadioScan], column: Mapping[str, int], walks: Sequence[tuple[float, float, float, float]]
+) -> Withheld:
     rows = [
         (scan.t, level, column[name])
         for scan in sorted(scans, key=lambda scan: scan.t)
@@ -117,7 +133,7 @@ def _columns(scans: Sequence[RadioScan], column: Mapping[str, int]) -> Withheld:
         if name in column and -120.0 <= level <= 0.0
     ]
     t, level, points = np.array(rows, float).reshape(-1, 3).T
-    return Withheld(len(scans), t, level, points.astype(np.int64))
+    return Withheld(len(scans), t, level, points.astype(np.int64), np.array(walks, float).reshape(-1, 4))
 
 
 def _scaled(chunk: Chunk, scale: Mapping[str, float]) -> Chunk:

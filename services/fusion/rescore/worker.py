@@ -16,7 +16,7 @@ from services.fusion.rescore.quality import Score, total
 from services.fusion.rescore.recent import decode_chunk
 from services.fusion.rescore.trial import LEAST_SCANS, run_trial, withhold
 
-__all__ = ["Answer", "DeviceAnswer", "Job", "answer"]
+__all__ = ["Answer", "DeviceAnswer", "Job", "answer", "too_few"]
 
 NICE = 15
 
@@ -68,7 +68,7 @@ def answer(job: Job) -> Answer:
     kept, withheld, seconds = withhold(chunks, job.active.radio.names)
     scans = sum(one.scans for one in withheld.values())
     if scans < LEAST_SCANS:
-        return Answer(error=f"scans: found {scans} to withhold in the last minutes; allowed: {LEAST_SCANS} or more")
+        return Answer(error=too_few(scans))
     active = run_trial(kept, withheld, job.active, job.tracker, job.seed, {})
     candidate = None
     if job.candidate is not None:
@@ -89,6 +89,11 @@ def answer(job: Job) -> Answer:
         },
         took=time.perf_counter() - began,
     )
+
+
+def too_few(scans: int) -> str:
+    """Return why nothing can be said of so few withheld scans."""
+    return f"scans: found {scans} to withhold in the last minutes; allowed: {LEAST_SCANS} or more"
 
 
 def _of_device(scans: int, active: Score, candidate: Score | None) -> DeviceAnswer:

@@ -17,6 +17,7 @@ from services.fusion.rescore.quality import (
     null_of,
     places_at,
     score_scans,
+    score_walks,
 )
 from services.fusion.rescore.recent import RecentChunks, decode_chunk
 from services.fusion.rescore.trial import withhold
@@ -174,11 +175,26 @@ def test_a_stride_candidate_stretches_what_phones_say(view: AreaView, chunks: li
     recent = RecentChunks(1e9, 10**9)
     for one in chunks:
         recent.add(one)
-    same_view, scale = apply(read_candidate(b'{"kind": "stride", "scale": {"0": 2.0, "1": 0.5, "2": 2.0}}'), view)
+    same_view, scale = apply(read_candidate(b'{"kind": "stride", "scale": {"0": 1.8, "1": 0.55}}'), view)
     assert same_view is view
     told = answer(Job(recent.copy(), "evidence", 0, view, view, scale))
-    assert told.candidate is not None
-    assert told.candidate != told.active
+    gains = {device: one.gain or 0.0 for device, one in told.devices.items()}
+    assert max(gains["0"], gains["1"]) < -0.02
+    assert gains["2"] > max(gains["0"], gains["1"])
+
+
+def test_steps_as_long_as_the_track_went_explain_it_best() -> None:
+    rng = np.random.default_rng(4)
+    moved = rng.normal(1.1, 0.3, 200)
+    length = moved + rng.normal(0.0, 0.1, 200)
+    duration, variance = np.ones(200), np.full(200, 0.02)
+    scores = [
+        score_walks(k * length, k**2 * variance, duration, moved).per_reading for k in (0.7, 0.85, 1.0, 1.15, 1.3)
+    ]
+    assert np.argmax(scores) == 2
+    assert scores[2] > 0.1
+    hidden = score_walks(length, variance, duration, np.full(200, np.nan))
+    assert (hidden.readings, hidden.named, hidden.gain) == (200, 0, 0.0)
 
 
 @pytest.mark.parametrize(
