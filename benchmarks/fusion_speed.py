@@ -12,15 +12,17 @@ from rich.progress import Progress
 from benchmarks.experiment import Experiment, Figures, Options
 from benchmarks.fusion_live import LiveRun, latency_of, memory_slope, run_live
 from benchmarks.fusion_load import Said, thinned
+from benchmarks.rbmcda_speed import Crowding, cycle_seconds, oracle_seconds
 from benchmarks.world_run import load, record_world
 from services.cli.demo import find_site
 
-__all__ = ["EXPERIMENT", "crowd_figures", "main"]
+__all__ = ["EXPERIMENT", "crowd_figures", "cycle_figures", "main"]
 
 SECONDS = 90.0
 """Of the crowd's world."""
 WARM_UP = 5.0
 """Seconds not timed: three hundred people are there at once, and the process has just begun."""
+CYCLE, FULL_CYCLE = Crowding(300, 12, 15), Crowding(100, 200, 200)
 HOUR = 3600.0
 THIN = 5
 """Of the hour's load one of so many frames and scans is sent, which lets it pass in minutes."""
@@ -39,7 +41,17 @@ def run(options: Options, progress: Progress) -> Figures:
     live = run_live(*place, said, progress=lambda t: progress.update(tasks[1], completed=t), period=SECONDS)
     hour = run_hour(place, said, progress)
     draw(live, hour, options.picture)
-    return crowd_figures(live, hour)
+    return cycle_figures() | crowd_figures(live, hour)
+
+
+def cycle_figures() -> dict[str, float | None]:
+    """Return the times of the particle filter's cycles, and how many times as long the tests' oracle takes."""
+    cycle = cycle_seconds(CYCLE)
+    return {
+        "cycle_300x12x15_ms": cycle * 1000.0,
+        "cycle_100x200x200_ms": cycle_seconds(FULL_CYCLE) * 1000.0,
+        "speedup_over_oracle": oracle_seconds(CYCLE) / cycle,
+    }
 
 
 def run_hour(place: tuple[Path, str, str], said: Sequence[tuple[float, Said]], progress: Progress) -> LiveRun:
@@ -113,7 +125,7 @@ def draw(live: LiveRun, hour: LiveRun, picture: Path) -> None:
 
 EXPERIMENT = Experiment(
     name="fusion-speed",
-    question="How quick is fusion in a full hall, and on how much memory?",
+    question="How quick is fusion in a full hall, on how much memory, and how quick is a cycle of the particle filter?",
     kind="speed",
     scenario="crowd",
     seed=52,
@@ -126,8 +138,14 @@ chunk is dropped and took for ever. `crowd_last_frame_p50_ms` is from the last m
 of the process, the greatest of the run by the clock and of an hour of event time: the same 90 seconds again and
 again, every fifth frame and scan of them, as fast as it is consumed; `crowd_rss_mb_per_h` is the slope over the
 hour's second half. All runs on one machine: `crowd_fusion_waited_share` says how long fusion had work and no core,
-which a quiet machine keeps near zero, and without which the latencies mean little.""",
+which a quiet machine keeps near zero, and without which the latencies mean little. `cycle_300x12x15_ms` is the median
+time of a whole step of `rbmcda`, messages in, tracks out, with 300 particles, 12 phones and 15 people seen,
+`cycle_100x200x200_ms` likewise; `speedup_over_oracle` is how many times as long the plain loops on `filterpy` take
+that the tests hold it to, timed on three particles.""",
+    at_least={"speedup_over_oracle": 100.0},
     at_most={
+        "cycle_300x12x15_ms": 20.0,
+        "cycle_100x200x200_ms": 250.0,
         "crowd_p50_ms": 50.0,
         "crowd_p99_ms": 100.0,
         "crowd_drop_share": 0.001,
