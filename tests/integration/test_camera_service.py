@@ -156,6 +156,7 @@ def test_every_frame_is_published_also_the_empty_ones_and_the_end_is_told(
     assert process.wait(timeout=5.0) == 0
 
 
+@pytest.mark.alone  # every frame is wanted, as quickly as they go: a crowded bus drops some
 def test_nothing_is_played_before_somebody_subscribes_when_asked_to_wait(
     watcher: Watcher, site_file: Callable[..., Path], video: Path
 ) -> None:
