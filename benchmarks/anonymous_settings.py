@@ -56,8 +56,6 @@ ALTERNATIVES: Mapping[str, Sequence[float]] = {
     "coast_leaving": (0.3, 1.0),
     "rest_report": (3.0, 8.0),
     "rest": (10.0, 40.0),
-    "covered": (1.0, 4.0),
-    "covered_distance": (0.6, 1.5),
     "still_time": (1.0, 2.5),
     "still_radius": (0.25, 0.5),
     "walked": (0.6, 1.5),

@@ -176,7 +176,6 @@ class AnonymousLayer:
         if not count:
             return free
         hit = np.zeros(count, np.bool_)
-        beside = None
         if found:
             distance, mahalanobis, log_det = kalman_bank.innovations(
                 tracks.mean, tracks.covariance, positions, noise, lag
@@ -190,7 +189,6 @@ class AnonymousLayer:
             if len(rows):
                 self._feed(rows, camera, clock, lag, positions[columns], noise[columns], confidence[columns])
                 hit[rows] = True
-                beside = distance[:, columns]
                 if len(columns) < found:
                     # What lies beside an established track, or beside one another camera just saw, is its double.
                     established = tracks.confirmed | (
@@ -204,7 +202,7 @@ class AnonymousLayer:
         if interval:
             self._grade(hit, interval)
             if not hit.all():
-                self._count_misses(camera, self.t - lag, ~hit, beside, interval)
+                self._count_misses(camera, self.t - lag, ~hit, interval)
         return free
 
     def _feed(
@@ -276,14 +274,13 @@ class AnonymousLayer:
         quality = self.tracks.quality
         quality[hit] = 1.0 - math.exp(-interval / QUALITY_TIME) * (1.0 - quality[hit])
 
-    def _count_misses(self, camera: int, t: float, unseen: Flags, beside: Array | None, interval: float) -> None:
+    def _count_misses(self, camera: int, t: float, unseen: Flags, interval: float) -> None:
         """A track is missed by a camera that sees its place, did not see it, and has nobody else who just did.
 
         Args:
             camera: number of the camera.
             t: time of its frame.
             unseen: (n,) tracks that it did not see.
-            beside: (n, k) squared distances to the detections that other tracks got; None for none.
             interval: seconds since its frame before.
         """
         tracks, s = self.tracks, self.settings
@@ -302,33 +299,29 @@ class AnonymousLayer:
             tracks.quality[rows] *= np.exp(-elapsed / QUALITY_TIME)
             still = ((places - tracks.anchor[rows]) ** 2).sum(axis=1) < s.still_radius**2
             tracks.resting[rows] |= still & tracks.confirmed[rows] & tracks.walked[rows] & (tracks.missed[rows] > 0.0)
-            hazard = self._hazard(rows, places, depth, None if beside is None else beside[rows])
-            tracks.existence[rows] *= np.exp(-hazard * elapsed)
+            tracks.existence[rows] *= np.exp(-self._hazard(rows, places, depth) * elapsed)
         dead = unseen & ((tracks.existence <= DEAD) | (~tracks.resting & (t - tracks.seen >= s.forget)))
         if dead.any():
             tracks.keep(~dead)
 
-    def _hazard(self, rows: Integers, places: Array, depth: Array, beside: Array | None) -> Array:
+    def _hazard(self, rows: Integers, places: Array, depth: Array) -> Array:
         """Return (m,) by how much of itself each second of misses lowers the existence of tracks in ``rows``.
 
         Args:
             rows: (m,).
             places: (m, 2) metres.
             depth: (m,) metres inside the view.
-            beside: (m, k) squared distances to the detections that other tracks got; None for none.
         """
         tracks, s = self.tracks, self.settings
         resting = tracks.resting[rows] & (depth >= s.leaving_depth)
         ahead = self.view.everywhere.depth_at(places + s.look_ahead * tracks.mean[rows, 2:])
         coast = np.where(resting, s.rest, s.coast)
-        if beside is not None:
-            coast[(beside.min(axis=1) < s.covered_distance**2) & ~resting] *= s.covered
         report = np.where(resting, s.rest_report, s.report)
         fade = -math.log(s.told)
         hazard = np.where(
             tracks.existence[rows] > s.told * (1.0 + SLACK), fade / report, (LIFETIMES - fade) / (coast - report)
         )
-        hazard[~tracks.resting[rows] & (ahead < s.leaving_depth)] = LIFETIMES / s.coast_leaving
+        hazard[~tracks.resting[rows] & (ahead < np.minimum(depth, s.leaving_depth))] = LIFETIMES / s.coast_leaving
         hazard[~tracks.confirmed[rows]] = LIFETIMES / s.tentative_patience
         return hazard
 

@@ -46,10 +46,6 @@ class AnonymousSettings:
     rest_report: float = 5.0
     """``report`` and ``coast`` where the person stood still: detectors that learn their background lose who stands."""
     rest: float = 20.0
-    covered: float = 2.0
-    """Times as long coasts a track beside one that was just seen: two bodies became one detection."""
-    covered_distance: float = 1.0
-    """Metres that count as beside."""
     told: float = 0.45
     """Probability of being there above which an unseen track is still told."""
     still_time: float = 1.5
