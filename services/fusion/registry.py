@@ -7,6 +7,7 @@ from collections.abc import Callable
 from services.fusion.area_view import AreaView
 from services.fusion.evidence.tracker import AnonymousTracker, EvidenceTracker
 from services.fusion.rbmcda.tracker import ForcedRbmcdaTracker, RbmcdaTracker
+from services.fusion.rbmcda.vision import VisionRbmcdaTracker
 from services.fusion.tracker import Tracker
 
 __all__ = ["DEFAULT_TRACKER", "TRACKERS", "make_tracker"]
@@ -18,6 +19,7 @@ TRACKERS: dict[str, Factory] = {
     EvidenceTracker.name: lambda view, seed: EvidenceTracker(view),
     RbmcdaTracker.name: RbmcdaTracker,
     ForcedRbmcdaTracker.name: ForcedRbmcdaTracker,
+    VisionRbmcdaTracker.name: VisionRbmcdaTracker,
 }
 """Each makes a tracker of an area; the seed is for those that draw random numbers."""
 

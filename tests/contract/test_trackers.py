@@ -123,7 +123,7 @@ def test_an_empty_frame_is_a_miss_and_the_track_dies_in_the_end(everybodys: Trac
     walk_east(everybodys)
     states = []
     for number in range(40):
-        tracks = everybodys.step(chunk(frame(103.0 + number / 10, seq=number)))
+        tracks = everybodys.step(chunk(frame(103.0 + number * (everybodys.cycle or 0.1), seq=number)))
         states.append(tracks.state)
     assert states[0] == ["coasting"]
     assert states[-1] == []

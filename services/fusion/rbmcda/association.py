@@ -51,20 +51,47 @@ def composites_of(mean: Array, covariance: Array, places: Array, noise: Array, g
     """
     widest = np.sqrt(noise[:, [0, 1], [0, 1]].max(axis=0, initial=0.0))
     reach = gate * (np.sqrt(np.stack([covariance[0, 0], covariance[1, 1]])) + widest[:, None, None])
-    low, high = (mean - reach).min(axis=1), (mean + reach).max(axis=1)
-    near = (places[None, :, 0] >= low[0][:, None]) & (places[None, :, 0] <= high[0][:, None])
-    near &= (places[None, :, 1] >= low[1][:, None]) & (places[None, :, 1] <= high[1][:, None])
+    # A few particles in which a device may be anywhere must not make composites of everything in all others.
+    wide = reach.max(axis=0) > 3.0 * np.median(reach.max(axis=0), axis=0, keepdims=True) if len(places) else None
+    near = _within(places, mean, reach)
+    tight = near if wide is None else _within(places, mean, np.where(wide, -np.inf, reach))
     device, sighting = np.nonzero(near)
-    xx = covariance[0, 0][:, device] + noise[sighting, 0, 0]
-    xy = covariance[0, 1][:, device] + noise[sighting, 0, 1]
-    yy = covariance[1, 1][:, device] + noise[sighting, 1, 1]
-    dx = places[sighting, 0] - mean[0][:, device]
-    dy = places[sighting, 1] - mean[1][:, device]
-    determinant = xx * yy - xy * xy
-    misfit = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant
-    likelihood = np.exp(-0.5 * misfit) / (2.0 * math.pi * np.sqrt(determinant))
+    likelihood = np.zeros((mean.shape[1], len(device)))
+    close = np.flatnonzero(tight[device, sighting])
+    likelihood[:, close] = _densities(
+        mean[:, :, device[close]], covariance[:, :, :, device[close]], places[sighting[close]], noise[sighting[close]]
+    )
+    if wide is not None:
+        far = np.flatnonzero(~tight[device, sighting])
+        row, column = np.nonzero(wide[:, device[far]])
+        pair = far[column]
+        likelihood[row, pair] = _densities(
+            mean[:, row, device[pair]],
+            covariance[:, :, row, device[pair]],
+            places[sighting[pair]],
+            noise[sighting[pair]],
+        )
     start = np.concatenate([[0], np.cumsum(near.sum(axis=1))])
     return Composites(sighting, start, likelihood)
+
+
+def _within(places: Array, mean: Array, reach: Array) -> NDArray[np.bool_]:
+    """Return (X, d) whether a sighting lies in the box around all particles' reaches."""
+    low, high = (mean - reach).min(axis=1), (mean + reach).max(axis=1)
+    near: NDArray[np.bool_] = (places >= low.T[:, None]).all(axis=2) & (places <= high.T[:, None]).all(axis=2)
+    return near
+
+
+def _densities(mean: Array, covariance: Array, place: Array, noise: Array) -> Array:
+    """Return the densities of (k, 2) sightings of noise (k, 2, 2), given (2, ..., k) and (2, 2, ..., k) states."""
+    xx = covariance[0, 0] + noise[:, 0, 0]
+    xy = covariance[0, 1] + noise[:, 0, 1]
+    yy = covariance[1, 1] + noise[:, 1, 1]
+    dx, dy = place[:, 0] - mean[0], place[:, 1] - mean[1]
+    determinant = xx * yy - xy * xy
+    misfit = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant
+    density: Array = np.exp(-0.5 * misfit) / (2.0 * math.pi * np.sqrt(determinant))
+    return density
 
 
 def draw_assignment(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from services.fusion.area_view import AreaView
 from services.fusion.forces import ForceSettings, Obstacles, displacement
 from services.fusion.rbmcda.births import birth
+from services.fusion.rbmcda.generators import generator_of, generator_state
 from services.fusion.rbmcda.inertial import Displacement, WalkLog
 from services.fusion.rbmcda.particles import Cycle, Draws, Estimate, Particles, run_cycle
 from services.fusion.rbmcda.readings import Readings
@@ -100,18 +101,13 @@ class RbmcdaTracker:
 
     def snapshot(self) -> Callable[[], bytes]:
         """Copy all the tracker knows; calling the result encodes the copy."""
-        generator = self._generator.bit_generator.state
         particles = self._particles
         return partial(
             encode_snapshot,
             {
                 "tracker": self.name,
                 "t": self._t if math.isfinite(self._t) else None,
-                "generator": {
-                    **{key: str(value) for key, value in generator["state"].items()},
-                    "has_uint32": generator["has_uint32"],
-                    "uinteger": generator["uinteger"],
-                },
+                "generator": generator_state(self._generator),
                 "particles": {name: getattr(particles, name) for name in _ARRAYS},
                 "devices": list(self._devices),
                 "ids": list(self._ids),
@@ -143,13 +139,7 @@ class RbmcdaTracker:
             readings.restore(parts["readings"])
             links = SightingLinks(self.view.lower, self.view.upper, self.settings)
             links.restore(parts["links"])
-            generator = np.random.default_rng()
-            generator.bit_generator.state = {
-                "bit_generator": "PCG64",
-                "state": {key: int(parts["generator"][key]) for key in ("state", "inc")},
-                "has_uint32": parts["generator"]["has_uint32"],
-                "uinteger": parts["generator"]["uinteger"],
-            }
+            generator = generator_of(parts["generator"])
             t, count = parts["t"], counts(parts["ignored"])
             devices, ids, next_id, told = parts["devices"], parts["ids"], parts["next_id"], parts["told"]
         except TrackerStateError:

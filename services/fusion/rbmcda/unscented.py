@@ -96,12 +96,11 @@ def radio_update(
     cross *= present
     whitened, rest, log_det = _eliminate(spread, np.concatenate([cross.swapaxes(0, 1), innovation[:, None]], axis=1))
     misfit = (rest**2).sum(axis=0)
-    updated = mean.copy()
+    updated = mean + np.einsum("js...,j...->s...", whitened, rest)
     narrowed = covariance.copy()
-    for j in range(count):
-        row = whitened[j]
-        updated += row * rest[j]
-        narrowed -= row[:, None] * row[None]
+    for i in range(2 + count):
+        narrowed[i, i:] -= np.einsum("j...,jk...->k...", whitened[:, i], whitened[:, i:])
+        narrowed[i:, i] = narrowed[i, i:]
     number = present.sum(axis=0)
     return updated, narrowed, -0.5 * (misfit + log_det + number * math.log(2.0 * math.pi))
 
