@@ -40,8 +40,8 @@ __all__ = ["EXPERIMENT", "Cell", "Measured", "cells", "contact_curve", "curves_o
 Array = NDArray[np.float64]
 
 SITE = "[ravel-thesis §11.3]"
-SECONDS = 480.0
-"""Of the world that is made: eight windows of a minute."""
+SECONDS = 600.0
+"""Of the world that is made: ten windows of a minute."""
 FRAMES = 4
 """One in so many frames is used: seven and a half a second."""
 HALF = 0.5
@@ -250,13 +250,13 @@ EXPERIMENT = Experiment(
 together, {30 / FRAMES:g} frames a second, {ACCESS_POINTS} of 12 access points, radio constants unknown, perturbed as
 the study perturbed its recordings. Figures are `CURVE_VALUE_METHOD`: the mean RMSE of carriers' minutes, of those in
 which the carrier was in view for at least half of the time. `rbmcda-vision` has no names: its tracks are matched to
-people minute by minute, with the truth's help. `occlusion`: all detections deleted in a rectangle of so many per cent
-of the view, {PLACEMENTS} placements. `heading`: to each step's heading an error within 5 degrees of the value is
-added, to one side for each phone, on top of what the twin's phones already err. `objects`: detections of later minutes
-pasted into every frame; minutes are sorted by detections per frame (3 is 3 to 4, 13 is 13 to 15). `contact`: a walker
-stops before a disc while steps go on for half a cycle, a model of its own: `onestep` as published, `substeps` as
-shipped. `ms`: mean milliseconds of processor time per cycle of `rbmcda`, of one area; `targets` counts phones, each
-with a person, at 100 particles.""",
+people minute by minute, with the truth's help, which the others do not have. `occlusion`: all detections deleted in a
+rectangle of so many per cent of the view, {PLACEMENTS} placements. `heading`: to each step's heading an error within 5
+degrees of the value is added, to one side for each phone, on top of what the twin's phones already err. `objects`:
+detections of later minutes pasted into every frame; minutes are sorted by detections per frame (3 is 3 to 4, 13 is 13
+to 15). `contact`: a walker stops before a disc while steps go on for half a cycle, a model of its own: `onestep` as
+published, `substeps` as shipped. `ms`: mean milliseconds of processor time per cycle of `rbmcda`, of one area;
+`targets` counts phones, each with a person, at 100 particles.""",
     studies={
         "occlusion_0_rbmcda": Study("as vision-only", SITE),
         "heading_30_rbmcda": Study("below 1", SITE),

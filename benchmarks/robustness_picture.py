@@ -33,6 +33,8 @@ STUDY: dict[str, tuple[list[float], list[float]]] = {
     "msparticles": ([10, 30, 50, 100, 150, 300], [130, 330, 520, 930, 1440, 2840]),
 }
 """[ravel-thesis §11.3]; where it only says "sub-metre", the metre."""
+YLABELS = {"contact": "RMSE of a prediction, m"}
+COLOURS = {"evidence": "C0", "rbmcda": "C1", "rbmcda-vision": "C2", "onestep": "C3", "substeps": "C4"}
 
 
 def draw_curves(figures: Mapping[str, float | None], picture: Path) -> None:
@@ -54,16 +56,20 @@ def draw_curves(figures: Mapping[str, float | None], picture: Path) -> None:
     figure, axes = plt.subplots(2, 4, figsize=(17.0, 8.0))
     for axis, (curve, label) in zip(axes.ravel(), PANELS.items(), strict=True):
         for method, points in curves[curve].items():
-            axis.plot(*zip(*sorted(points), strict=True), marker="o", markersize=3, label=method)
+            axis.plot(
+                *zip(*sorted(points), strict=True), marker="o", markersize=3, label=method, color=COLOURS.get(method)
+            )
         if curve in STUDY:
             axis.plot(*STUDY[curve], "k:", marker="s", markersize=4, label="the study")
         timed = curve.startswith("ms")
-        axis.set(xlabel=label, ylabel="ms of a cycle" if timed else "RMSE in a minute, mean, m")
-        axis.set_ylim(bottom=0.0)
+        axis.set(xlabel=label, ylabel=YLABELS.get(curve, "ms of a cycle" if timed else "mean RMSE in a minute, m"))
         if curve == "msparticles":
             axis.set_yscale("log")
+        else:
+            axis.set_ylim(bottom=0.0)
         axis.grid(visible=True, alpha=0.25)
-        axis.legend(fontsize=8)
+        if axis.lines:
+            axis.legend(fontsize=8)
     figure.tight_layout()
     picture.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture, dpi=90)
