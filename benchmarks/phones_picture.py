@@ -20,7 +20,7 @@ from shared.site import Camera
 
 __all__ = ["draw_overlays", "picture_of"]
 
-COLORS = {"right": "lime", "wrong": "tomato", "not sure": "0.9"}
+COLORS = {"right": "lime", "wrong": "tomato", "not sure": "0.9", "unseen": "deepskyblue"}
 
 
 def picture_of(camera: Camera, number: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
@@ -59,14 +59,22 @@ def draw_overlays(record: WorldRecord, run: FusionRun, rows: list[int], title: s
             device = frame.device[index]
             carried = truth.device[person] if person >= 0 else None
             verdict = "not sure" if device is None else "right" if device == carried else "wrong"
+            if frame.state[index] == "unseen":
+                verdict = "unseen"
             name = "?" if device is None else device.removeprefix("phone-")
-            told = name if verdict == "right" or carried is None else f"{name} ({carried.removeprefix('phone-')})"
+            told = (
+                name
+                if verdict in ("right", "unseen") or carried is None
+                else f"{name} ({carried.removeprefix('phone-')})"
+            )
             plot.plot(x, y, "o", color=COLORS[verdict], markersize=6, markeredgecolor="black")
             shade = {"facecolor": "black", "alpha": 0.55, "pad": 1.0, "linewidth": 0.0}
-            plot.text(x + 6, y + 10, told, color=COLORS[verdict], fontsize=11, fontweight="bold", bbox=shade)
+            plot.text(
+                x + 6, y + 10, told, color=COLORS[verdict], fontsize=11, fontweight="bold", bbox=shade, clip_on=True
+            )
         plot.set(xlim=(0, picture.shape[1]), ylim=(picture.shape[0], 0), xticks=[], yticks=[])
         plot.set_title(f"{truth.t[row] - truth.t[0]:.1f} s")
-    figure.suptitle(f"{title}: name said (person really there where it differs)")
+    figure.suptitle(f"{title}: name said (person really there where it differs); blue: from steps and radio alone")
     figure.tight_layout()
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=80)
