@@ -184,8 +184,9 @@ EXPERIMENT = Experiment(
     made="""PETS 2009 S2.L1, view 1: the public ACF detections of the MOT benchmark (confidence 20 and above, about six
 a frame) at the positions the file gives in metres, against all 4650 boxes of its truth, with a gate of 1 m. All three
 trackers get the same positions, covariances (those our camera service would give such a foot; norfair has no use for
-them) and confidences (a hundredth of the detector's). *Ours* runs with the defaults every site gets: first chosen looking
-at the video of this clip, then anew on the training worlds of `anonymous-settings`, where this clip has no part. norfair 2.3 and Stone Soup 1.9 (constant velocity,
+them) and confidences (a hundredth of the detector's). *Ours* runs with the defaults every
+site gets: first chosen looking at the video of this clip, then anew on the training worlds of `anonymous-settings`,
+where this clip has no part. norfair 2.3 and Stone Soup 1.9 (constant velocity,
 Mahalanobis gate, global nearest neighbour by 2-D assignment, confirmation by several hits; its slower JPDA is left out)
 were tuned *on this clip and its truth*: 19 and 14 settings of gate, noise, hits to confirm, patience, least confidence
 and how long an unseen track is told were tried and the best by MOTA + IDF1 taken. `untuned` are the settings that were
