@@ -96,7 +96,8 @@ def one_cycle(particles: list[list[Target]], cycle: Cycle, settings: RbmcdaSetti
             target.spread[:2, :2] += cycle.spread[:, :, k]
             kept = np.ones(len(target.x))
             kept[2:] = cycle.kept[k]
-            target.x *= kept
+            usual = np.concatenate([[0.0, 0.0], cycle.usual])
+            target.x = usual + (target.x - usual) * kept
             target.spread = kept[:, None] * target.spread * kept
             target.spread[2:, 2:] += cycle.bias * (1.0 - cycle.kept[k] ** 2)
             growth[k] *= scan_density(target, cycle, k)

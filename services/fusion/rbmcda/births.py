@@ -17,7 +17,9 @@ __all__ = ["birth"]
 Array = NDArray[np.float64]
 
 
-def birth(grid: Array, expected: Array, reading: Array, noise: Array, bias: Array) -> tuple[Array, Array, float]:
+def birth(
+    grid: Array, expected: Array, reading: Array, noise: Array, bias: Array, usual: Array
+) -> tuple[Array, Array, float]:
     """Return mean (2 + M,) and covariance (2 + M, 2 + M) of [position, biases] after one scan, and its log-likelihood.
 
     Args:
@@ -26,9 +28,10 @@ def birth(grid: Array, expected: Array, reading: Array, noise: Array, bias: Arra
         reading: (M,) dBm; NaN where not heard.
         noise: (M,) variance of the readings, dB².
         bias: (M, M) covariance of the biases before it.
+        usual: (M,) their mean.
     """
     heard = np.flatnonzero(np.isfinite(reading))
-    residual = reading[heard] - expected[:, heard]
+    residual = (reading - usual)[heard] - expected[:, heard]
     spread = bias[np.ix_(heard, heard)] + np.diag(noise[heard])
     solved = np.linalg.solve(spread, residual.T)
     level = -0.5 * np.einsum("gh,hg->g", residual, solved)
@@ -38,7 +41,7 @@ def birth(grid: Array, expected: Array, reading: Array, noise: Array, bias: Arra
     evidence = highest + math.log(float(weight.mean())) - 0.5 * float(log_det)
     weight /= weight.sum()
     gain = bias[:, heard]
-    biases = (gain @ solved).T
+    biases = usual + (gain @ solved).T
     states = np.concatenate([grid, biases], axis=1)
     mean = weight @ states
     apart = states - mean

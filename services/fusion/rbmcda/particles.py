@@ -122,7 +122,8 @@ class Cycle:
         spread: (2, 2, X) m², of ``shift``.
         haste: (X,) m² along each axis, of the part of ``shift`` that is a guess.
         kept: (X,) how much of the biases remains, from 0 to 1.
-        bias: (M, M) dB², of biases of which nothing is known.
+        usual: (M,) dB, the biases of phones in the mean.
+        bias: (M, M) dB², of biases about it of which nothing is known.
         reading: (M, X) dBm; NaN where not heard.
         noise: (M, X) dB².
         expected: from places (n, 2) to signal strengths (n, M).
@@ -146,6 +147,7 @@ class Cycle:
     spread: Array
     haste: Array
     kept: Array
+    usual: Array
     bias: Array
     reading: Array
     noise: Array
@@ -192,6 +194,7 @@ class Estimate:
     Attributes:
         mean: (2, X) metres.
         covariance: (2, 2, X), with the spread over particles.
+        biases: (M, X) dB.
         fed: (X,) probability that a camera saw it in this cycle.
         seen: (X,) mean time at which one last did, of the particles in which one did; -inf where none.
         agreed: (X,) share of the weight that lies within a metre of the mean.
@@ -201,6 +204,7 @@ class Estimate:
 
     mean: Array
     covariance: Array
+    biases: Array
     fed: Array
     seen: Array
     agreed: Array
@@ -292,7 +296,8 @@ def _predict(before: Particles, cycle: Cycle) -> tuple[Array, Array]:
         covariance[:, :2] = np.einsum("ijnx,sjnx->sinx", slope, covariance[:, :2])
     mean[:2] += cycle.shift[:, None, :]
     covariance[:2, :2] += cycle.spread[:, :, None, :]
-    mean[2:] *= cycle.kept
+    usual = cycle.usual[:, None, None]
+    mean[2:] = usual + (mean[2:] - usual) * cycle.kept
     covariance[2:] *= cycle.kept
     covariance[:, 2:] *= cycle.kept
     covariance[2:, 2:] += cycle.bias[:, :, None, None] * (1.0 - cycle.kept**2)
@@ -320,4 +325,5 @@ def _estimate(after: Particles, cycle: Cycle, seen_as: Indices) -> Estimate:
     times = (weight * np.where(ever, after.seen - cycle.t, 0.0)).sum(axis=0)
     seen = np.where(share > 0.5, cycle.t + times / np.maximum(share, 0.5), -np.inf)
     agreed = (weight * (apart[0] ** 2 + apart[1] ** 2 < 1.0)).sum(axis=0)
-    return Estimate(mean, covariance, fed, seen, np.minimum(agreed, 1.0), seen_as, weight.copy())
+    biases = np.einsum("nx,mnx->mx", weight, after.mean[2:])
+    return Estimate(mean, covariance, biases, fed, seen, np.minimum(agreed, 1.0), seen_as, weight.copy())

@@ -25,6 +25,7 @@ class Surroundings:
     Attributes:
         grid: (g, 2) places all over the floor, metres.
         expected_on_grid: (g, M) dBm.
+        shared: dB², of it what an access point is off for all phones.
         bias: (M, M) dB², how wrong ``expected`` may be for one phone at one place.
     """
 
@@ -44,6 +45,7 @@ class Surroundings:
         shadowing, constant = np.full(count, noise.shadowing**2), noise.access_point**2
         if view.shadowing is not None:
             shadowing, constant = view.shadowing.at(self.grid)[1].mean(axis=0), LEARNED**2
+        self.shared = constant
         self.bias: Array = np.diag(constant + shadowing) + noise.device**2
         total = float((constant + shadowing).mean()) + noise.device**2 if count else 0.0
         self._local = float(shadowing.mean()) / total if count and total > 0.0 else 0.0

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from services.fusion.area_view import AreaView
 from services.fusion.forces import ForceSettings, Obstacles, displacement
 from services.fusion.rbmcda.births import birth
+from services.fusion.rbmcda.constants import Constants
 from services.fusion.rbmcda.generators import generator_of, generator_state
 from services.fusion.rbmcda.inertial import Displacement, WalkLog
 from services.fusion.rbmcda.particles import Cycle, Draws, Estimate, Particles, run_cycle
@@ -55,6 +56,7 @@ class RbmcdaTracker:
         self._told: dict[str, float] = {}
         self._walks: dict[str, WalkLog] = {}
         self._readings = Readings(self.view.radio.names, self.settings)
+        self._constants = Constants(self._around.bias, self._around.shared)
         self._links = SightingLinks(self.view.lower, self.view.upper, self.settings)
         self._t = -math.inf
 
@@ -88,6 +90,7 @@ class RbmcdaTracker:
         cycle = self._cycle(before, t, motions, reading, noise, seen, live, born)
         draws = Draws.of(self._generator, self.settings.particles, len(self._devices))
         self._particles, estimate = run_cycle(self._particles, cycle, self.settings, draws)
+        self._constants.learn(estimate.biases, estimate.fed, t - before)
         self._readings.learn(self._devices, estimate.mean.T, self._around.expected)
         return self._frame(chunk, estimate, motions, seen)
 
@@ -116,6 +119,7 @@ class RbmcdaTracker:
                 "walks": {device: walk.state() for device, walk in self._walks.items()},
                 "readings": self._readings.state(),
                 "links": self._links.state(),
+                "constants": self._constants.state(),
                 "ignored": dict(self._count),
             },
         )
@@ -139,6 +143,8 @@ class RbmcdaTracker:
             readings.restore(parts["readings"])
             links = SightingLinks(self.view.lower, self.view.upper, self.settings)
             links.restore(parts["links"])
+            constants = Constants(self._around.bias, self._around.shared)
+            constants.restore(parts["constants"])
             generator = generator_of(parts["generator"])
             t, count = parts["t"], counts(parts["ignored"])
             devices, ids, next_id, told = parts["devices"], parts["ids"], parts["next_id"], parts["told"]
@@ -148,7 +154,7 @@ class RbmcdaTracker:
             raise TrackerStateError(f"not a state of tracker {self.name!r}: {error}") from error
         self._particles, self._walks, self._readings, self._generator = particles, walks, readings, generator
         self._devices, self._ids, self._next_id, self._told = devices, ids, next_id, told
-        self._links = links
+        self._links, self._constants = links, constants
         self._t, self._count = -math.inf if t is None else t, count
 
     def _ignore(self, reason: str, count: int = 1) -> None:
@@ -186,9 +192,9 @@ class RbmcdaTracker:
 
     def _births(self, reading: dict[str, Array], noise: dict[str, Array]) -> dict[int, tuple[Array, Array, float]]:
         """Return where each device that was heard may be as far as this scan tells; let new ones exist, out of view."""
-        around, anew = self._around, {}
+        around, usual, anew = self._around, self._constants.mean, {}
         for device, level in reading.items():
-            found = birth(around.grid, around.expected_on_grid, level, noise[device], around.bias)
+            found = birth(around.grid, around.expected_on_grid, level, noise[device], self._constants.bias, usual)
             if device not in self._devices:
                 self._particles = self._particles.with_device(found[0], found[1])
                 self._devices.append(device)
@@ -225,7 +231,8 @@ class RbmcdaTracker:
             spread=packed[np.array([[0, 1], [1, 2]])],
             haste=np.array([motion.haste for motion in motions]),
             kept=self._around.kept(path, t - before),
-            bias=self._around.bias,
+            usual=self._constants.mean,
+            bias=self._constants.bias,
             reading=np.array([reading.get(device, silent) for device in self._devices]).reshape(count, access_points).T,
             noise=np.array([noise.get(device, free) for device in self._devices]).reshape(count, access_points).T
             * np.where(path > 0.1, 1.0, settings.resting),

@@ -13,6 +13,7 @@ from services.fusion.rbmcda.settings import RbmcdaSettings
 
 POINTS = np.array([[0.0, 0.0, 2.8], [10.0, 0.0, 2.8], [5.0, 9.0, 2.8]])
 BIAS = np.diag([9.0, 9.0, 9.0]) + 9.0
+USUAL = np.array([1.0, -2.0, 0.5])
 GRID = np.stack(np.meshgrid(np.arange(0.5, 10.0), np.arange(0.5, 9.0)), axis=-1).reshape(-1, 2)
 
 
@@ -28,7 +29,7 @@ def looked_at(places: np.ndarray) -> np.ndarray:
 
 def one_device(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     reading = expected(rng.uniform(2, 8, (1, 2)))[0] + rng.normal(0, 3, 3)
-    return birth(GRID, expected(GRID), reading, np.full(3, 9.0), BIAS)[:2]
+    return birth(GRID, expected(GRID), reading, np.full(3, 9.0), BIAS, USUAL)[:2]
 
 
 def a_cycle(rng: np.random.Generator, number: int, devices: int, links: np.ndarray) -> Cycle:
@@ -37,7 +38,7 @@ def a_cycle(rng: np.random.Generator, number: int, devices: int, links: np.ndarr
     reading[rng.random((3, devices)) < 0.1] = np.nan
     noise = np.full((3, devices), 9.0)
     anew = {
-        k: birth(GRID, expected(GRID), reading[:, k], noise[:, k], BIAS)
+        k: birth(GRID, expected(GRID), reading[:, k], noise[:, k], BIAS, USUAL)
         for k in range(devices)
         if np.isfinite(reading[:, k]).any()
     }
@@ -48,6 +49,7 @@ def a_cycle(rng: np.random.Generator, number: int, devices: int, links: np.ndarr
         spread=np.repeat(np.array([[0.1, 0.02], [0.02, 0.2]])[:, :, None], devices, axis=2),
         haste=np.zeros(devices),
         kept=rng.uniform(0.7, 1.0, devices),
+        usual=USUAL,
         bias=BIAS,
         reading=reading,
         noise=noise,
@@ -110,7 +112,7 @@ def test_a_new_device_is_where_its_first_scan_says() -> None:
     """With radio constants known, the mean lies near; with constants unknown, it is honestly vaguer."""
     place = np.array([[7.0, 3.0]])
     reading = expected(place)[0]
-    sure, narrow, _ = birth(GRID, expected(GRID), reading, np.full(3, 1.0), np.zeros((3, 3)))
-    _, vague, _ = birth(GRID, expected(GRID), reading, np.full(3, 1.0), BIAS)
+    sure, narrow, _ = birth(GRID, expected(GRID), reading, np.full(3, 1.0), np.zeros((3, 3)), np.zeros(3))
+    _, vague, _ = birth(GRID, expected(GRID), reading, np.full(3, 1.0), BIAS, np.zeros(3))
     assert math.dist(sure[:2], place[0]) < 0.5
     assert np.trace(vague[:2, :2]) > 4.0 * np.trace(narrow[:2, :2])
