@@ -29,6 +29,8 @@ SLOTS = 26
 UNSEEN = 0
 """In a lineage, in place of a track's id."""
 LEAST = 1e-12
+WORTH = 1e-4
+"""Probability from which it is worth noting where it came from."""
 
 
 @dataclass(frozen=True)
@@ -41,17 +43,20 @@ class Flow:
     """Probability that a new device is far away, and rates of going and coming."""
     far_rate: float = 0.002
     near_rate: float = 0.01
-    swap_rate: float = 0.3
+    swap_rate: float = 0.1
     """Rate at which two tracks at the same place exchange persons, and its range in metres."""
     swap_range: float = 0.6
     leak: float = 0.003
-    """Rate at which a track is not its person's any more, and the same for a track no camera sees just now."""
+    """Rate at which a track is not its person's any more, and what a track adds that no camera sees while its person
+    walks."""
     leak_coasting: float = 0.1
-    pickup: float = 0.3
+    pickup: float = 1.0
     """Rate at which an unseen person is taken for the track that stands there."""
-    seen_walking: float = 0.5
+    seen_walking: float = 1.0
     """Rate at which a person who walks in view gets a track; one who stands there may have faded."""
-    seen_still: float = 0.1
+    seen_still: float = 0.3
+    seen_untold: float = 0.03
+    """The same of a device that tells nothing of its walk: it may lie anywhere, with nobody to be seen."""
     lost_sigma: float = 0.5
     """Metres by which the end of a track may be off its person, and the beginning of one."""
     born_sigma: float = 0.7
@@ -184,6 +189,7 @@ class Beliefs:
         places: Array,
         coasting: NDArray[np.bool_],
         walking: Array,
+        told: NDArray[np.bool_],
         elapsed: float,
     ) -> None:
         """Let probability flow for ``elapsed`` seconds.
@@ -191,7 +197,8 @@ class Beliefs:
         Args:
             rows: (d,), the devices.
             alive: (k,), columns of living tracks, (k, 2) ``places``, ``coasting``: whether no camera sees it now.
-            walking: (d,), whether the device walked of late: 0 to 1.
+            walking: (d,), whether the device walked of late: 0 to 1; (d,) whether it ``told`` of its walk at all.
+            told: see there.
             elapsed: seconds.
         """
         f = self.flow
@@ -202,14 +209,15 @@ class Beliefs:
         floor = self.floor[rows].reshape(len(rows), -1)
         share = self.share[np.ix_(rows, alive)]
         picked = floor[:, near].sum(axis=2) * min(f.pickup * elapsed, 0.5)
-        leaked = share * np.minimum(np.where(coasting, f.leak_coasting, f.leak) * elapsed, 0.5)
+        # A still person's track may rest unseen for long; one who walks has left it.
+        leak = f.leak + f.leak_coasting * walking[:, None] * coasting
+        leaked = share * np.minimum(leak * elapsed, 0.5)
         keep = np.ones_like(floor)
-        hazard = f.seen_still + (f.seen_walking - f.seen_still) * walking
+        hazard = np.where(told, f.seen_still + (f.seen_walking - f.seen_still) * walking, f.seen_untold)
         keep[:, self.grid.viewed.ravel()] = np.exp(-hazard * elapsed)[:, None]
         floor *= keep
-        heavier = picked > share
-        for device, index in zip(*np.nonzero(heavier), strict=True):
-            self.lineage[rows[device], alive[index]] = self.lineage[rows[device], -1]
+        device, index = np.nonzero(picked > np.maximum(share, WORTH))
+        self.lineage[rows[device], alive[index]] = self.lineage[rows[device], -1]
         best = leaked.argmax(axis=1) if len(alive) else np.zeros(len(rows), np.int64)
         if len(alive):
             strongest = leaked[np.arange(len(rows)), best]
@@ -247,9 +255,10 @@ class Beliefs:
         np.add.at(leaving, source, flow[source, target])
         mixed = share * (1.0 - np.minimum(leaving, 0.5))
         np.add.at(mixed.T, target, flowing.T)
-        before = self.lineage[rows].copy()
-        for device, pair in zip(*np.nonzero(flowing > share[:, target] * (1.0 - leaving[target])), strict=True):
-            self.lineage[rows[device], alive[target[pair]]] = before[device, alive[source[pair]]]
+        stays = share[:, target] * (1.0 - np.minimum(leaving[target], 0.5))
+        device, pair = np.nonzero(flowing > np.maximum(stays, WORTH))
+        past = self.lineage[rows[device], alive[source[pair]]]
+        self.lineage[rows[device], alive[target[pair]]] = past
         self.share[np.ix_(rows, alive)] = mixed
 
     def remember(self, slot: int, tracks: Integers) -> None:

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 POWER_SIGMA = 5.0
 """dB, and of the exponent: how far the site file's guesses may be off."""
 EXPONENT_SIGMA = 0.25
+LEARNED = 0.3
+"""How much of that remains where a model was learned."""
 TYPICAL = 10.0
 """10 log₁₀ of the distance at which the remaining uncertainty is told: ten metres."""
 
@@ -44,18 +46,22 @@ class Calibration:
     correction: Array
 
     @classmethod
-    def of(cls, guess: PathLoss) -> Calibration:
-        """Start from the site file's guess."""
+    def of(cls, guess: PathLoss, *, learned: bool = False) -> Calibration:
+        """Start from the site file's guess, or from what was learned of the site before."""
         m = len(guess.names)
-        prior = np.diag([POWER_SIGMA**-2, EXPONENT_SIGMA**-2])
+        known = LEARNED if learned else 1.0
+        prior = np.diag([(known * POWER_SIGMA) ** -2, (known * EXPONENT_SIGMA) ** -2])
         return cls(guess, np.broadcast_to(prior, (m, 2, 2)).copy(), np.zeros((m, 2)), np.zeros((m, 2)))
 
     def rssi(self, places: Array) -> Array:
         """Return the expected signal strengths, (n, m) in dBm, at (n, 2) places."""
-        level = self.guess.log_distance(places)
+        return self.rssi_at(self.guess.log_distance(places))
+
+    def rssi_at(self, distance: Array) -> Array:
+        """Return the same, (n, m) in dBm, of (n, m) distances given as 10 log₁₀ of metres."""
         expected: Array = (self.guess.power_1m + self.correction[:, 0]) - (
             self.guess.exponent + self.correction[:, 1]
-        ) * level
+        ) * distance
         return expected
 
     def learn(self, heard: NDArray[np.int64], distance: Array, residual: Array, weight: Array) -> None:

@@ -51,6 +51,7 @@ class Devices:
         self.settings = settings or IdentitySettings()
         self.grid = FloorGrid(view)
         self._column_of_point = {name: index for index, name in enumerate(view.radio.names)}
+        self._distance = view.radio.log_distance(self.grid.centres)
         self._map = None if view.shadowing is None else view.shadowing.at(self.grid.centres)
         self.ignored: Counter[str] = Counter()
         self._start()
@@ -60,8 +61,8 @@ class Devices:
         self.columns = Columns(s.kept)
         self.beliefs = Beliefs(self.grid, s.flow)
         self.walk_filters = WalkFilters.new(0, 0)
-        self.calibration = Calibration.of(self.view.radio)
-        self._expected = self.calibration.rssi(self.grid.centres)
+        self.calibration = Calibration.of(self.view.radio, learned=self.view.shadowing is not None)
+        self._expected = self.calibration.rssi_at(self._distance)
         self.devices: list[str | None] = []
         self.told = np.zeros(0)
         self.scans = np.zeros(0, np.int64)
@@ -95,6 +96,7 @@ class Devices:
             self.former.pop(int(self.columns.tracks[column]), None)
             self.given[self.given == column] = -1
         for column in began.tolist():
+            self.probability[:, column] = 0.0
             self.walk_filters.reset_track(column)
             self.beliefs.begin(column, self.columns.place[column], rows)
             parents = self.given[rows]
@@ -136,6 +138,9 @@ class Devices:
         self.walked_until = np.concatenate([self.walked_until, np.full(more, -math.inf)])
         self.stepped = np.concatenate([self.stepped, np.full(more, -math.inf)])
         self.given = np.concatenate([self.given, np.full(more, -1)])
+        probability = np.zeros((devices, tracks))
+        probability[: self.probability.shape[0], : self.probability.shape[1]] = self.probability
+        self.probability = probability
         self.beliefs.resize(devices, tracks)
         self.walk_filters.resize(devices, tracks)
 
@@ -190,7 +195,7 @@ class Devices:
         self.beliefs.restore(state["beliefs"], rows, taken)
         self.walk_filters.restore(state["walks"], rows, taken)
         self.calibration.restore(state["calibration"])
-        self._expected = self.calibration.rssi(self.grid.centres)
+        self._expected = self.calibration.rssi_at(self._distance)
         self._scans = [decode(msgspec.json.encode(scan), RadioScan) for scan in state["scans"]]
         self._motions = [decode(msgspec.json.encode(batch), MotionBatch) for batch in state["motions"]]
         self._decided, self._calibrated = (

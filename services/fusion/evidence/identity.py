@@ -105,9 +105,10 @@ class IdentityLayer(Devices):
 
     def _weigh(self, row: int, hearing: Hearing, scan: Gathered) -> None:
         """Move a device's belief by what it heard."""
-        s, heard = self.settings, scan.heard
+        s, heard, trust = self.settings, scan.heard, 1.0
         if scan.t - self.walked_until[row] > 3.0 and math.isfinite(scan.elapsed):
-            # It tells nothing of its walk: somewhere between standing and walking.
+            # It tells nothing of its walk: somewhere between standing and walking, and located by what it hears alone.
+            trust = s.unwalked_teaches
             self.beliefs.walk(row, np.zeros(2), s.unknown_speed**2 * min(scan.elapsed, 10.0))
             scan = Gathered(scan.t, heard, scan.level, scan.count, scan.elapsed, 0.5 * scan.elapsed)
         weight = novelty(scan.elapsed, scan.walked, s.memory + s.habit * hearing.stood, s.reach)
@@ -119,11 +120,12 @@ class IdentityLayer(Devices):
             then = self.columns.history.at(scan.t)[columns]
             places = np.where(np.isfinite(then), then, places)
         own = s.white**2 / scan.count + self.calibration.variance()[heard]
-        residual, variance = self._residual(scan, places, own)
+        distance = self.calibration.guess.log_distance(places)
+        residual, variance = self._residual(scan, places, distance, own)
         tracks = weight * scan_likelihood(residual, variance, hearing.offset, common)
         mean = self._expected if self._map is None else self._expected + self._map[0]
         shadow = s.shadowing**2 if self._map is None else s.shadowing_known**2 + self._map[1][:, heard]
-        spread = np.broadcast_to(own + shadow, (len(mean), len(heard)))
+        spread = np.atleast_2d(own + shadow)
         off = scan.level - mean[:, heard]
         cells = weight * scan_likelihood(off, spread, hearing.offset, common)
         volume = np.log(spread).sum(axis=1).mean() + math.log1p(common * float((1.0 / spread[0]).sum()))
@@ -131,25 +133,33 @@ class IdentityLayer(Devices):
         floor = self.beliefs.floor[row].ravel()
         some = np.flatnonzero(floor > 0.02 * floor.max())
         self._learn(
-            row,
             hearing,
-            weight,
+            trust * weight,
             scan,
-            np.concatenate([places, self.grid.centres[some]]),
+            np.concatenate([distance[:, heard], self._distance[np.ix_(some, heard)]]),
+            np.concatenate([residual, off[some]]),
             np.concatenate([self.beliefs.share[row, columns], floor[some]]),
         )
         self.beliefs.weigh(row, columns, tracks, cells, far)
 
-    def _residual(self, scan: Gathered, places: Array, own: Array) -> tuple[Array, Array]:
+    def _residual(self, scan: Gathered, places: Array, distance: Array, own: Array) -> tuple[Array, Array]:
         """Return heard minus expected at (n, 2) places and its variance, (n, h)."""
         s = self.settings
-        residual = scan.level - self.calibration.rssi(places)[:, scan.heard]
+        residual = scan.level - self.calibration.rssi_at(distance)[:, scan.heard]
         if self.view.shadowing is None:
             return residual, np.broadcast_to(own + s.shadowing**2, residual.shape)
         mean, variance = self.view.shadowing.at(places)
         return residual - mean[:, scan.heard], own + s.shadowing_known**2 + variance[:, scan.heard]
 
-    def _learn(self, row: int, hearing: Hearing, weight: float, scan: Gathered, places: Array, chance: Array) -> None:
+    def _learn(
+        self,
+        hearing: Hearing,
+        weight: float,
+        scan: Gathered,
+        distance: Array,
+        residual: Array,
+        chance: Array,
+    ) -> None:
         """Learn from where the device may be what it reads too much, and what the access points really send.
 
         What a reading says counts the less, the more the expectation differs among the places.
@@ -159,10 +169,6 @@ class IdentityLayer(Devices):
         if total < LEAST_ABOUT:
             return
         chance = chance / total
-        level = self.calibration.guess.log_distance(places)[:, heard]
-        residual = scan.level - self.calibration.rssi(places)[:, heard]
-        if self.view.shadowing is not None:
-            residual = residual - self.view.shadowing.at(places)[0][:, heard]
         mean = chance @ residual
         doubt = chance @ (residual - mean) ** 2 + s.shadowing**2
         known = self.calibration.variance()[heard]
@@ -171,14 +177,14 @@ class IdentityLayer(Devices):
         variance = 1.0 / (1.0 / hearing.variance + float(information.sum()))
         offset = variance * (hearing.offset / hearing.variance + float((mean * information).sum()))
         # … and the access points, by what is left.
-        self.calibration.learn(heard, chance @ level, mean - hearing.offset, weight / (doubt + hearing.variance))
+        self.calibration.learn(heard, chance @ distance, mean - hearing.offset, weight / (doubt + hearing.variance))
         hearing.offset, hearing.variance = offset, variance
 
     def _calibrate(self, t: float) -> None:
         """Put to use what was learned of the access points."""
         self._calibrated = t
         self.calibration.solve()
-        self._expected = self.calibration.rssi(self.grid.centres)
+        self._expected = self.calibration.rssi_at(self._distance)
 
     # -- how phones move ---------------------------------------------------------------------------------------------
 
@@ -264,8 +270,9 @@ class IdentityLayer(Devices):
             return
         if not 0.0 <= t - self._calibrated < s.calibrate_every:
             self._calibrate(t)
+        walks = t - self.walked_until[rows] <= s.claim_walked
         beliefs.pass_time(
-            rows, alive, self.columns.place[alive], self.columns.coasting[alive], self.walking[rows], elapsed
+            rows, alive, self.columns.place[alive], self.columns.coasting[alive], self.walking[rows], walks, elapsed
         )
         beliefs.remember(math.floor(t / SLOT), self.columns.tracks)
         self._assign(t, rows, alive)

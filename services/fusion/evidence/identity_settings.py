@@ -18,7 +18,7 @@ class IdentitySettings:
     """What is believed of radios and people before any is seen."""
 
     flow: Flow = field(default_factory=Flow)
-    shadowing: float = 4.2
+    shadowing: float = 4.0
     """dB; what a place, the carrier's body and slow fading add to path loss."""
     shadowing_known: float = 3.0
     """The same without the place's part, where a shadowing map tells that."""
@@ -29,11 +29,11 @@ class IdentitySettings:
     device_sent: float = 6.0
     common: float = 2.0
     """dB; what all access points' readings differ by from scan to scan: how the phone is held and turned."""
-    memory: float = 15.0
+    memory: float = 8.0
     """Seconds after which a still phone's readings are 1/e alike, and by how much longer for each second it has stood:
     what the place adds stays."""
-    habit: float = 2.0
-    reach: float = 2.5
+    habit: float = 1.0
+    reach: float = 1.5
     """Metres after which a walking phone's readings are 1/e alike."""
     gather: float = 0.9
     """Seconds for which scans are gathered into one."""
@@ -54,9 +54,9 @@ class IdentitySettings:
     claim: float = 0.45
     """Probability from which a device gets a track, and down to which it keeps it."""
     keep: float = 0.3
-    claim_unwalked: float = 0.65
-    """The same for a device that has told nothing of its walk for ``claim_walked`` seconds: by radio alone a phone that is
-    elsewhere is easily taken for somebody here."""
+    claim_unwalked: float = 0.75
+    """The same for a device that has told nothing of its walk for ``claim_walked`` seconds: by radio alone a phone that
+    is elsewhere is easily taken for somebody here."""
     claim_walked: float = 10.0
     claim_scans: int = 3
     """Scans a device must have told before it gets a track at all …"""
@@ -66,9 +66,10 @@ class IdentitySettings:
     """Seconds since it last told anything after which a device that no camera sees is not told any more."""
     largest_sigma: float = 4.0
     """Metres; a device known less well than that is nowhere."""
-    certain: float = 0.7
-    """Probability from which a pair teaches the access points' constants, put to use every so many seconds."""
+    unwalked_teaches: float = 0.2
+    """How much a device that tells nothing of its walk teaches of the radio, against one that does."""
     calibrate_every: float = 2.0
+    """Seconds after which what was learned of the access points is put to use."""
     cycle: float = 0.25
     """Seconds between decisions while phones tell something."""
     forget: float = 60.0

@@ -77,8 +77,10 @@ def test_tracks_that_meet_may_exchange_persons_and_remember_whose_they_were(grid
     still = np.zeros(2, np.bool_)
     for slot in range(101, 106):
         made.remember(slot, np.array([7, 9, 0]))
-        made.pass_time(ROW, np.array([0, 1]), np.array([place, place + 0.3]), still, np.ones(1), 0.25)
-    assert 0.1 < made.share[0, 1] < made.share[0, 0]
+        made.pass_time(
+            ROW, np.array([0, 1]), np.array([place, place + 0.3]), still, np.ones(1), np.ones(1, np.bool_), 0.25
+        )
+    assert 0.03 < made.share[0, 1] < made.share[0, 0]
     assert made.lineage[0, 1, 100 % SLOTS] == 7
     assert whole(made) == pytest.approx(1.0)
 
@@ -87,7 +89,7 @@ def test_who_is_not_seen_where_cameras_look_is_rather_elsewhere(grid: FloorGrid)
     made = beliefs(grid)
     before = float(made.floor[0][grid.viewed].sum())
     for _ in range(20):
-        made.pass_time(ROW, NONE, np.zeros((0, 2)), np.zeros(0, np.bool_), np.ones(1), 0.5)
+        made.pass_time(ROW, NONE, np.zeros((0, 2)), np.zeros(0, np.bool_), np.ones(1), np.ones(1, np.bool_), 0.5)
     assert made.floor[0][grid.viewed].sum() < 0.1 * before
     assert whole(made) == pytest.approx(1.0)
 
