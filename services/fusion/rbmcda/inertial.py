@@ -136,6 +136,10 @@ class WalkLog:
         """Return for how many seconds the phone has rested."""
         return max(t - self.still_since, 0.0) if math.isfinite(self.still_since) else 0.0
 
+    def pace(self, t: float) -> tuple[float, float]:
+        """Return the velocity with which it is believed to go on until ``t``, m/s."""
+        return self._pace() if t - self.known_until <= STALE else (0.0, 0.0)
+
     def state(self) -> dict[str, Any]:
         """Return what is known, as plain values."""
         return {

@@ -54,6 +54,17 @@ class Sightings:
     expected: Array
     cameras: list[list[str]]
 
+    def state(self) -> dict[str, Any]:
+        """Return them as a state holds them."""
+        arrays = {name: getattr(self, name) for name in ("places", "noise", "link", "expected")}
+        return {**arrays, "cameras": self.cameras}
+
+    @classmethod
+    def of(cls, state: dict[str, Any]) -> Sightings:
+        """Return the sightings of ``state()``."""
+        arrays = {name: unpack(state[name]) for name in ("places", "noise", "link", "expected")}
+        return cls(**arrays, cameras=[[str(name) for name in cameras] for cameras in state["cameras"]])
+
 
 class SightingLinks:
     """Follows detections from frame to frame."""

@@ -20,6 +20,7 @@ from services.fusion.rbmcda.constants import Constants
 from services.fusion.rbmcda.generators import generator_of, generator_state
 from services.fusion.rbmcda.inertial import Displacement, WalkLog
 from services.fusion.rbmcda.particles import Cycle, Draws, Estimate, Particles, run_cycle
+from services.fusion.rbmcda.present import carried_on
 from services.fusion.rbmcda.readings import Readings
 from services.fusion.rbmcda.settings import RbmcdaSettings
 from services.fusion.rbmcda.sightings import SightingLinks, Sightings
@@ -58,7 +59,8 @@ class RbmcdaTracker:
         self._readings = Readings(self.view.radio.names, self.settings)
         self._constants = Constants(self._around.bias, self._around.shared)
         self._links = SightingLinks(self.view.lower, self.view.upper, self.settings)
-        self._t = -math.inf
+        self._t, self._done = -math.inf, -math.inf
+        self._held: tuple[float, Sightings, list[str]] | None = None
 
     def step(self, chunk: Chunk) -> TrackFrame:
         """Consume one chunk: a cycle."""
@@ -72,7 +74,6 @@ class RbmcdaTracker:
         if t < self._t - self.settings.set_back or t > self._t + self.settings.forget:
             self._forget_everybody()
         t = max(t, self._t)
-        before = self._t if math.isfinite(self._t) else t - self.cycle
         self._listen(chunk, t)
         for erasure in chunk.erasures:
             self._forget(erasure.device)
@@ -83,15 +84,26 @@ class RbmcdaTracker:
             self._forget(device)
         seen, nonsense = self._links.cycle(frames, t)
         self._ignore("detection without a place on the floor", nonsense)
+        held, self._held = self._held, (t, seen, sorted({frame.camera for frame in frames}))
+        if held is None:
+            return self._frame(chunk, None, [])
+        return self._work(chunk, held, seen)
+
+    def _work(self, chunk: Chunk, held: tuple[float, Sightings, list[str]], now: Sightings) -> TrackFrame:
+        """Work on the cycle before, whose steps have come by now, and tell where that leaves everybody."""
+        t, seen, live = held
+        before = self._done if math.isfinite(self._done) else t - self.cycle
+        self._done = t
         reading, noise = self._readings.of_cycle(self._told)
         born = self._births(reading, noise)
         motions = [self._walk(device).advance(before, t, self.settings) for device in self._devices]
-        live = {frame.camera for frame in frames}
-        cycle = self._cycle(before, t, motions, reading, noise, seen, live, born)
+        cycle = self._cycle(before, t, motions, reading, noise, seen, set(live), born)
         draws = Draws.of(self._generator, self.settings.particles, len(self._devices))
         self._particles, estimate = run_cycle(self._particles, cycle, self.settings, draws)
         self._constants.learn(estimate.biases, estimate.fed, t - before)
         self._readings.learn(self._devices, estimate.mean.T, self._around.expected)
+        pace = np.array([self._walk(device).pace(self._t) for device in self._devices]).reshape(-1, 2).T
+        estimate = carried_on(self._particles, estimate, now, pace, self._t - t, self.settings.guessed)
         return self._frame(chunk, estimate, motions, seen)
 
     def revision(self) -> Revision | None:
@@ -110,6 +122,8 @@ class RbmcdaTracker:
             {
                 "tracker": self.name,
                 "t": self._t if math.isfinite(self._t) else None,
+                "done": self._done if math.isfinite(self._done) else None,
+                "held": None if self._held is None else (self._held[0], self._held[1].state(), self._held[2]),
                 "generator": generator_state(self._generator),
                 "particles": {name: getattr(particles, name) for name in _ARRAYS},
                 "devices": list(self._devices),
@@ -146,6 +160,9 @@ class RbmcdaTracker:
             constants = Constants(self._around.bias, self._around.shared)
             constants.restore(parts["constants"])
             generator = generator_of(parts["generator"])
+            done, held = parts["done"], parts["held"]
+            if held is not None:
+                held = float(held[0]), Sightings.of(held[1]), list(held[2])
             t, count = parts["t"], counts(parts["ignored"])
             devices, ids, next_id, told = parts["devices"], parts["ids"], parts["next_id"], parts["told"]
         except TrackerStateError:
@@ -154,7 +171,8 @@ class RbmcdaTracker:
             raise TrackerStateError(f"not a state of tracker {self.name!r}: {error}") from error
         self._particles, self._walks, self._readings, self._generator = particles, walks, readings, generator
         self._devices, self._ids, self._next_id, self._told = devices, ids, next_id, told
-        self._links, self._constants = links, constants
+        self._links, self._constants, self._held = links, constants, held
+        self._done = -math.inf if done is None else done
         self._t, self._count = -math.inf if t is None else t, count
 
     def _ignore(self, reason: str, count: int = 1) -> None:
