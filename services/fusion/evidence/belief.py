@@ -46,17 +46,19 @@ class Flow:
     swap_rate: float = 0.1
     """Rate at which two tracks at the same place exchange persons, and its range in metres."""
     swap_range: float = 0.6
-    leak: float = 0.003
+    leak: float = 0.002
     """Rate at which a track is not its person's any more, and what a track adds that no camera sees while its person
     walks."""
     leak_coasting: float = 0.1
     pickup: float = 1.0
     """Rate at which an unseen person is taken for the track that stands there."""
-    seen_walking: float = 1.0
+    seen_walking: float = 1.5
     """Rate at which a person who walks in view gets a track; one who stands there may have faded."""
-    seen_still: float = 0.3
+    seen_still: float = 0.5
     seen_untold: float = 0.03
     """The same of a device that tells nothing of its walk: it may lie anywhere, with nobody to be seen."""
+    outside_rate: float = 1.0
+    """Rate at which who is ``outside`` the floor goes on to be far."""
     lost_sigma: float = 0.5
     """Metres by which the end of a track may be off its person, and the beginning of one."""
     born_sigma: float = 0.7
@@ -105,7 +107,7 @@ class Beliefs:
     def open(self, row: int, alive: Integers) -> None:
         """Know nothing of a device."""
         open_cells = self.grid.open
-        unseen = np.where(self.grid.viewed, 0.3, 1.0) * open_cells
+        unseen = np.where(self.grid.viewed, 0.3, np.where(self.grid.outside, 0.1, 1.0)) * open_cells
         people = self.flow.stranger_density * self.grid.cell**2 * unseen.sum() + len(alive)
         self.share[row] = 0.0
         self.share[row, alive] = (1.0 - self.flow.far) / max(people, 1.0)
@@ -216,6 +218,9 @@ class Beliefs:
         hazard = np.where(told, f.seen_still + (f.seen_walking - f.seen_still) * walking, f.seen_untold)
         keep[:, self.grid.viewed.ravel()] = np.exp(-hazard * elapsed)[:, None]
         floor *= keep
+        outside = floor[:, self.grid.outside.ravel()]
+        floor[:, self.grid.outside.ravel()] = outside * math.exp(-f.outside_rate * elapsed)
+        gone = outside.sum(axis=1) * -math.expm1(-f.outside_rate * elapsed)
         device, index = np.nonzero(picked > np.maximum(share, WORTH))
         self.lineage[rows[device], alive[index]] = self.lineage[rows[device], -1]
         best = leaked.argmax(axis=1) if len(alive) else np.zeros(len(rows), np.int64)
@@ -226,9 +231,10 @@ class Beliefs:
         np.add.at(floor.T, cells, leaked.T)
         away = f.far_rate * elapsed * floor.sum(axis=1)
         back = f.near_rate * elapsed * self.far[rows]
-        open_cells = self.grid.open.ravel() / max(float(self.grid.open.sum()), 1.0)
+        inside = (self.grid.open & ~self.grid.outside).ravel()
+        open_cells = inside / max(float(inside.sum()), 1.0)
         floor += back[:, None] * open_cells
-        self.far[rows] += away - back
+        self.far[rows] += away - back + gone
         self.floor[rows] = floor.reshape(len(rows), *self.grid.shape)
         self.share[np.ix_(rows, alive)] = share + picked - leaked
         self._exchange(rows, alive, places, elapsed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
@@ -19,6 +20,8 @@ CELL = 0.5
 MOST_CELLS = 3000
 WELL_INSIDE = 0.3
 """Metres from the border of a view from which on its camera should see a person."""
+SEEN_EDGE = 1.0
+"""Metres; where cameras see nearer than this to the floor's edge, people may come and go over it."""
 
 
 class FloorGrid:
@@ -29,6 +32,7 @@ class FloorGrid:
         shape: (rows, columns).
         centres: (n, 2) metres, row by row.
         open: (rows, columns), where people can be: not inside obstacles.
+        outside: (rows, columns), beyond the floor's outline where its edge is out of view: behind walls, most likely.
         viewed: (rows, columns), where a camera of the area looks.
     """
 
@@ -41,9 +45,10 @@ class FloorGrid:
         self.centres: Array = self.lower + (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) * self.cell
         inside = view.plan.contains(self.centres)
         self.open: NDArray[np.bool_] = (view.plan.walkable(self.centres) | ~inside).reshape(self.shape)
-        self.viewed: NDArray[np.bool_] = (
-            view.everywhere.depth_at(self.centres).reshape(self.shape) > WELL_INSIDE
-        ) & self.open
+        depth = view.everywhere.depth_at(self.centres)
+        beyond = shapely.distance(view.plan.outline, shapely.points(self.centres))
+        self.outside: NDArray[np.bool_] = (~inside & (-depth - beyond > SEEN_EDGE)).reshape(self.shape)
+        self.viewed: NDArray[np.bool_] = (depth.reshape(self.shape) > WELL_INSIDE) & self.open
 
     def cells_at(self, places: Array) -> NDArray[np.int64]:
         """Return the number (n,) of the cell that each of (n, 2) places lies in, the nearest for one off the grid."""
