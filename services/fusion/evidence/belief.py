@@ -43,7 +43,7 @@ class Flow:
     """Probability that a new device is far away, and rates of going and coming."""
     far_rate: float = 0.002
     near_rate: float = 0.01
-    swap_rate: float = 0.1
+    swap_rate: float = 0.2
     """Rate at which two tracks at the same place exchange persons, and its range in metres."""
     swap_range: float = 0.6
     leak: float = 0.002
@@ -52,12 +52,12 @@ class Flow:
     leak_coasting: float = 0.1
     pickup: float = 1.0
     """Rate at which an unseen person is taken for the track that stands there."""
-    seen_walking: float = 1.5
+    seen_walking: float = 1.0
     """Rate at which a person who walks in view gets a track; one who stands there may have faded."""
-    seen_still: float = 0.5
+    seen_still: float = 0.3
     seen_untold: float = 0.03
     """The same of a device that tells nothing of its walk: it may lie anywhere, with nobody to be seen."""
-    outside_rate: float = 1.0
+    outside_rate: float = 0.5
     """Rate at which who is ``outside`` the floor goes on to be far."""
     lost_sigma: float = 0.5
     """Metres by which the end of a track may be off its person, and the beginning of one."""
@@ -107,7 +107,7 @@ class Beliefs:
     def open(self, row: int, alive: Integers) -> None:
         """Know nothing of a device."""
         open_cells = self.grid.open
-        unseen = np.where(self.grid.viewed, 0.3, np.where(self.grid.outside, 0.1, 1.0)) * open_cells
+        unseen = np.where(self.grid.viewed, 0.3, np.where(self.grid.outside, 0.3, 1.0)) * open_cells
         people = self.flow.stranger_density * self.grid.cell**2 * unseen.sum() + len(alive)
         self.share[row] = 0.0
         self.share[row, alive] = (1.0 - self.flow.far) / max(people, 1.0)

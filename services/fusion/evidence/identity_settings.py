@@ -37,7 +37,7 @@ class IdentitySettings:
     """Metres after which a walking phone's readings are 1/e alike."""
     gather: float = 0.9
     """Seconds for which scans are gathered into one."""
-    trust_motion: float = 0.6
+    trust_motion: float = 0.7
     """Share of the evidence of phones' walks that is believed."""
     strange: float = 15.0
     """By how much worse than expected a scan must fit everywhere before its device is thought far away; in units of its
