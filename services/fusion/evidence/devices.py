@@ -43,7 +43,7 @@ class Devices:
         probability: (d, k), marginals of the last decision.
         chains: by row, ids of the tracks each device was given, oldest first.
         former: by track, the ids of the same person's earlier tracks.
-        estimates: by row, of devices on no track: where they are likely to be, see ``_estimate``.
+        estimates: by row, of devices on no track: where they are likely to be, see ``estimates``.
     """
 
     def __init__(self, view: AreaView, settings: IdentitySettings | None = None) -> None:

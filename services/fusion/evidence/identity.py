@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from services.fusion.evidence.association import assign, association_marginals
 from services.fusion.evidence.devices import Devices
+from services.fusion.evidence.estimates import estimates
 from services.fusion.evidence.hearing import Gathered, Hearing
 from services.fusion.evidence.radio_evidence import novelty, scan_likelihood
 from services.fusion.evidence.walks import Walk, stretches
@@ -276,7 +277,7 @@ class IdentityLayer(Devices):
         )
         beliefs.remember(math.floor(t / SLOT), self.columns.tracks)
         self._assign(t, rows, alive)
-        self.estimates = {row: self._estimate(row) for row in rows.tolist() if self.given[row] < 0}
+        self.estimates = self._estimates(rows[self.given[rows] < 0])
 
     def _assign(self, t: float, rows: Integers, alive: Integers) -> None:
         """Decide for all devices together which track each is on."""
@@ -310,22 +311,15 @@ class IdentityLayer(Devices):
             self.chains[row] = [*chain, track]
             self.former[track] = chain
 
-    def _estimate(self, row: int) -> tuple[Array, Array, float]:
-        """Return where a device is likely to be, (2,), its covariance (2, 2) and the probability of being about at all.
-
-        Over tracks and floor together: of a device that may be on either of two tracks it is the place between.
-        """
-        alive = self.columns.alive
-        on = self.probability[row, alive]
-        floor = self.beliefs.floor[row].ravel()
-        some = np.flatnonzero(floor > 1e-3 * floor.max())
-        about = float(floor.sum())
-        off = float(self.beliefs.far[row])
-        unseen = max(1.0 - float(on.sum()), 0.0)
-        weight = np.concatenate([on, floor[some] * (unseen / max(about + off, 1e-300))])
-        places = np.concatenate([self.columns.place[alive], self.grid.centres[some] + self.beliefs.rest[row]])
-        total = max(float(weight.sum()), 1e-300)
-        mean = weight @ places / total
-        apart = places - mean
-        covariance = (weight[:, None] * apart).T @ apart / total + 0.1 * np.eye(2)
-        return mean, covariance, min(float(on.sum()) + unseen * about / max(about + off, 1e-300), 1.0)
+    def _estimates(self, rows: Integers) -> dict[int, tuple[Array, Array, float]]:
+        """Return by device where it is likely to be, (2,), its covariance (2, 2) and how likely it is about at all."""
+        alive, beliefs = self.columns.alive, self.beliefs
+        mean, covariance, about = estimates(
+            self.probability[np.ix_(rows, alive)],
+            self.columns.place[alive],
+            beliefs.floor[rows].reshape(len(rows), len(self.grid.centres)),
+            self.grid.centres,
+            beliefs.rest[rows],
+            beliefs.far[rows],
+        )
+        return dict(zip(rows.tolist(), zip(mean, covariance, about.tolist(), strict=True), strict=True))

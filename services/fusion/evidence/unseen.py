@@ -47,26 +47,22 @@ class UnseenRows:
             told: ids of the tracks that cameras see.
             new_id: gives a track id that nobody has.
         """
-        s, t = layer.settings, layer.columns.history.newest
         alive = set(layer.columns.tracks[layer.columns.alive].tolist())
         rows = []
         kept: dict[str, int] = {}
-        for row in np.flatnonzero((layer.given < 0) & (t - layer.told <= s.told)).tolist():
+        for row in _told(layer):
             device = layer.devices[row]
-            if device is None or layer.scans[row] < s.claim_scans or row not in layer.estimates:
+            if device is None:
                 continue
             place, covariance, probability = layer.estimates[row]
-            largest = float(np.linalg.eigvalsh(covariance)[-1])
-            near = layer.view.everywhere.depth_at(place[None])[0] > -NEAR
-            if not near or largest > s.largest_sigma**2 or probability < 0.5:
-                continue
             chain = layer.chains[row]
             track = self._ids.get(device, 0)
             if not track or track in alive or track in told:
                 last = chain[-1] if chain else 0
                 track = last if last and last not in alive and last not in told else new_id()
             kept[device] = track
-            former = [one for one in chain if one != track]
+            # Who is still seen is somebody else by now: this row comes of none of them.
+            former = [one for one in chain if one != track and one not in alive and one not in told]
             rows.append(UnseenRow(device, track, place, covariance, probability, former))
         self._ids = kept
         return rows
@@ -85,6 +81,20 @@ class UnseenRows:
         rows = cls()
         rows._ids = {str(device): int(track) for device, track in state.items()}
         return rows
+
+
+def _told(layer: IdentityLayer) -> list[int]:
+    """Return the rows of the devices that no camera sees and that are known well enough to be told, in order."""
+    s, t = layer.settings, layer.columns.history.newest
+    fresh = (layer.given < 0) & (t - layer.told <= s.told) & (layer.scans >= s.claim_scans)
+    rows = [row for row in np.flatnonzero(fresh).tolist() if row in layer.estimates]
+    if not rows:
+        return []
+    places, covariances, probability = zip(*(layer.estimates[row] for row in rows), strict=True)
+    largest = np.linalg.eigvalsh(np.array(covariances))[:, -1]
+    near = layer.view.everywhere.depth_at(np.array(places)) > -NEAR
+    known = near & (largest <= s.largest_sigma**2) & (np.array(probability) >= 0.5)
+    return [row for row, good in zip(rows, known.tolist(), strict=True) if good]
 
 
 def with_rows(frame: TrackFrame, rows: list[UnseenRow], floor: str) -> TrackFrame:
