@@ -86,7 +86,14 @@ class Crossings:
         return self._ids
 
     def step(
-        self, t: float, track: Ints, floor: Ints, x: Floats, y: Floats, former: Sequence[Sequence[int]] = ()
+        self,
+        t: float,
+        track: Ints,
+        floor: Ints,
+        x: Floats,
+        y: Floats,
+        former: Sequence[Sequence[int]] = (),
+        held: Ints | None = None,
     ) -> list[Crossing]:
         """Advance to the frame at ``t`` and return what happened, in order of time.
 
@@ -98,12 +105,14 @@ class Crossings:
             y: (n,) metres.
             former: for each track the ids it had before, oldest first; a new track takes over the state of the newest
                 of them that is remembered and no longer reported.
+            held: (h,) ids the frame reports besides, given to ``hold``; None: no others.
 
         Returns:
             Crossings; for each track and zone enter and exit take turns.
         """
-        slot, known = self._slots(track, former)
-        self._absorb(t, track, slot, former)
+        present = set(track.tolist()) if held is None else {*track.tolist(), *held.tolist()}
+        slot, known = self._slots(track, former, present)
+        self._absorb(t, slot, former, present)
         before_x, before_y, before_t = self._x[slot], self._y[slot], self._t[slot]
         known &= self._floor[slot] == floor
         code, row, zone, depth, touched_now = self._pairs(slot, known, floor, x, y, before_x, before_y)
@@ -145,7 +154,7 @@ class Crossings:
         happened.sort(key=lambda crossing: (crossing.t, crossing.kind))
         return happened
 
-    def hold(self, t: float, track: Ints, former: Sequence[Sequence[int]]) -> None:
+    def hold(self, t: float, track: Ints, former: Sequence[Sequence[int]], others: Ints) -> None:
         """Leave tracks whose place is not known well enough where they were; call before the ``step`` of their frame.
 
         They neither cross a border nor vanish; of one never seen before nothing is remembered. When its place is known
@@ -155,11 +164,13 @@ class Crossings:
             t: of the frame.
             track: (n,) ids.
             former: for each track the ids it had before, oldest first.
+            others: (o,) ids the frame reports besides: whoever is still there leaves nobody anything.
         """
+        present = {*track.tolist(), *others.tolist()}
         slots = dict(zip(self._ids.tolist(), self._slot_of_id.tolist(), strict=True))
         for row, number in enumerate(track.tolist()):
             if number not in slots:
-                heir = next((one for one in reversed(former[row]) if one in slots), None)
+                heir = next((one for one in reversed(former[row]) if one in slots and one not in present), None)
                 if heir is None:
                     continue
                 slots[number] = slots.pop(heir)
@@ -314,22 +325,22 @@ class Crossings:
         self._is_active[code] = stays
         self._active = np.concatenate([absent, code[stays]])
 
-    def _slots(self, track: Ints, former: Sequence[Sequence[int]]) -> tuple[Ints, Bools]:
+    def _slots(self, track: Ints, former: Sequence[Sequence[int]], present: set[int]) -> tuple[Ints, Bools]:
         """Return the slot of each track (n,), made where it has none, and whether its place before is known (n,)."""
         at = np.searchsorted(self._ids, track)
         known = np.zeros(len(track), np.bool_)
         within = at < len(self._ids)
         known[within] = self._ids[at[within]] == track[within]
         if not known.all():
-            self._admit(track, np.flatnonzero(~known), former)
+            self._admit(track, np.flatnonzero(~known), former, present)
             at = np.searchsorted(self._ids, track)
         slot = self._slot_of_id[at]
         return slot, np.isfinite(self._t[slot])
 
-    def _absorb(self, t: float, track: Ints, slot: Ints, former: Sequence[Sequence[int]]) -> None:
+    def _absorb(self, t: float, slot: Ints, former: Sequence[Sequence[int]], present: set[int]) -> None:
         """Somebody told under two numbers for a while is one: inside with the new one, the old one leaves unsaid."""
         named = {one for earlier in former for one in earlier}
-        stale = (named & set(self._ids.tolist())).difference(track.tolist()) if named else set()
+        stale = (named & set(self._ids.tolist())).difference(present) if named else set()
         if not stale:
             return
         slots = dict(zip(self._ids.tolist(), self._slot_of_id.tolist(), strict=True))
@@ -340,8 +351,7 @@ class Crossings:
                 self.occupancy[both] -= 1
                 self._inside[old * self._zones + both] = False
 
-    def _admit(self, track: Ints, new: Ints, former: Sequence[Sequence[int]]) -> None:
-        present = set(track.tolist())
+    def _admit(self, track: Ints, new: Ints, former: Sequence[Sequence[int]], present: set[int]) -> None:
         slots = dict(zip(self._ids.tolist(), self._slot_of_id.tolist(), strict=True))
         for row in new.tolist():
             earlier = former[row] if row < len(former) else ()

@@ -138,9 +138,9 @@ class GeofenceService(Service[GeofenceSettings]):
                 area.devices.pop(number, None)  # its phone turned out to be somebody else's
         known = self._known_well(frame, once, floor, x, y)
         rest, well = np.flatnonzero(~known), np.flatnonzero(known)
-        area.crossings.hold(frame.t, track[rest], [former[row] for row in rest.tolist()])
+        area.crossings.hold(frame.t, track[rest], [former[row] for row in rest.tolist()], track[well])
         earlier = [former[row] for row in well.tolist()]
-        happened = area.crossings.step(frame.t, track[well], floor[well], x[well], y[well], earlier)
+        happened = area.crossings.step(frame.t, track[well], floor[well], x[well], y[well], earlier, track[rest])
         POSITIONS.inc(len(track))
         self._publish(happened, area, frame.area, origin)
         if len(area.devices) > 2 * len(area.crossings.tracks) + 64:

@@ -240,7 +240,7 @@ def test_a_person_is_told_within_a_second_at_any_frame_rate(frames_per_s: int) -
 
 
 def held(crossings: Crossings, t: float, track: int, former: tuple[int, ...] = ()) -> list[Crossing]:
-    crossings.hold(t, np.array([track]), [list(former)])
+    crossings.hold(t, np.array([track]), [list(former)], np.empty(0, np.int64))
     return nobody(crossings, t)
 
 
@@ -282,3 +282,27 @@ def test_somebody_found_to_be_two_numbers_leaves_once() -> None:
     assert crossings.tracks.tolist() == [2]
     assert [c.kind for c in walk(crossings, line((2, 3), (9, 3), 150), track=2, start=10.0, former=(1,))] == ["exit"]
     assert crossings.occupancy.tolist() == [0, 0, 0, 0]
+
+
+def test_a_phone_nobody_sees_takes_nothing_from_whom_it_was_taken_for() -> None:
+    crossings = make()
+    assert kinds(walk(crossings, line((-3, 2), (2, 2), 75)), 0) == ["enter"]
+    one, here = np.array([1]), np.array([2.0])
+    for number in range(60):  # the person stands still; a phone that was thought theirs flickers under new numbers
+        phone = np.array([10 + number // 10])
+        crossings.hold(5.0 + number / 10, phone, [[1]], one)
+        assert crossings.step(5.0 + number / 10, one, np.zeros(1, np.int64), here, here, [[]], phone) == []
+    assert crossings.tracks.tolist() == [1]
+    assert crossings.occupancy.tolist() == [1, 0, 0, 0]
+
+
+def test_nobody_seen_takes_the_state_of_a_number_that_is_held() -> None:
+    crossings = make()
+    assert kinds(walk(crossings, line((-3, 2), (2, 2), 75)), 0) == ["enter"]
+    held, new, far = np.array([1]), np.array([2]), np.array([30.0])
+    for number in range(60):  # 1 is out of view in the zone; 2, once taken for 1, is seen far away
+        t = 5.0 + number / 10
+        crossings.hold(t, held, [[]], new)
+        assert crossings.step(t, new, np.zeros(1, np.int64), far, far, [[1]], held) == []
+    assert crossings.tracks.tolist() == [1, 2]
+    assert crossings.occupancy.tolist() == [1, 0, 0, 0]
