@@ -18,6 +18,7 @@ from services.fusion.evidence.estimates import estimates
 from services.fusion.evidence.hearing import Gathered, Hearing
 from services.fusion.evidence.radio_evidence import novelty, scan_likelihood
 from services.fusion.evidence.walks import Walk, stretches
+from services.fusion.evidence.workload import due_now
 from shared.messages import MotionBatch, RadioScan
 
 __all__ = ["IdentityLayer"]
@@ -50,7 +51,7 @@ class IdentityLayer(Devices):
             ids: (n,), ids of the tracks.
             places: (n, 2), metres.
             coasting: (n,), whether no camera sees them now.
-            scans: in the order they were consumed; those newer than ``t`` wait.
+            scans: in any order; those newer than ``t`` wait, and so do those of a burst (``due_now``).
             motions: likewise; batches of phones whose radio was never heard say nothing.
         """
         if t < self.columns.history.newest:
@@ -75,9 +76,7 @@ class IdentityLayer(Devices):
 
     def _listen(self, t: float, scans: tuple[RadioScan, ...]) -> set[str]:
         self._scans.extend(scan for scan in scans if math.isfinite(scan.t))
-        due = [scan for scan in self._scans if scan.t <= t]
-        self._scans = [scan for scan in self._scans if scan.t > t][-self.settings.waiting :]
-        due.sort(key=lambda scan: (scan.t, scan.device, scan.seq))
+        due, self._scans = due_now(self._scans, t, self.settings.at_once, self.settings.waiting)
         return {scan.device for scan in due if self._scan(scan)}
 
     def _scan(self, scan: RadioScan) -> bool:
@@ -197,9 +196,7 @@ class IdentityLayer(Devices):
                 self.ignored["motion without a time"] += 1
         if not self._motions:
             return set()
-        due = [batch for batch in self._motions if batch.t <= t]
-        self._motions = [batch for batch in self._motions if batch.t > t][-self.settings.waiting :]
-        due.sort(key=lambda batch: (batch.t, batch.device, batch.seq))
+        due, self._motions = due_now(self._motions, t, self.settings.at_once, self.settings.waiting)
         counted = set()
         for batch in due:
             if batch.device not in self.devices:
