@@ -99,8 +99,54 @@ def test_a_long_silence_ends_tracklets() -> None:
 
 
 def test_uneven_frames_compare_speeds_not_lengths() -> None:
-    places = [np.array([[x, 0.0]]) for x in (0.0, 0.3, 1.5)]
-    assert len(grow_tracklets(np.array([0.0, 0.25, 1.25]), places, TrackletSettings(threshold=0.01))) == 1
+    places = [np.array([[x, 0.0]]) for x in (0.0, 0.6, 2.4)]
+    assert len(grow_tracklets(np.array([0.0, 0.5, 2.0]), places, TrackletSettings(threshold=0.01))) == 1
+
+
+RATES = pytest.mark.parametrize("rate", [2.0, 7.5, 15.0, 30.0])
+
+
+def noisy(way: Array, seed: int = 0) -> list[Array]:
+    """Return one person's (n, 2) way as frames of a detector that errs by a decimetre."""
+    errs = np.random.default_rng(seed).normal(0.0, 0.1, way.shape)
+    return list((way + errs)[:, None])
+
+
+@RATES
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_lone_walker_seen_with_noise_is_hardly_ever_broken(rate: float, seed: int) -> None:
+    t = np.arange(int(20 * rate)) / rate
+    assert len(grow_tracklets(t, noisy(np.column_stack([1.2 * t, 0.0 * t]), seed))) <= 2
+
+
+@RATES
+def test_who_turns_back_is_broken_there_at_any_rate(rate: float) -> None:
+    t = np.arange(int(8 * rate)) / rate
+    way = np.column_stack([1.4 * np.minimum(t, 8.0 - t), 0.0 * t])
+    tracklets = grow_tracklets(t, noisy(way))
+    first = tracklets[0]
+    assert 4.0 <= t[first[-1]] < 4.6
+    assert 2 <= len(tracklets) <= 4
+
+
+@RATES
+def test_people_who_merge_are_both_broken_at_any_rate(rate: float) -> None:
+    """They come near each other, are one detection for a second, and part again."""
+    t = np.arange(int(8 * rate)) / rate
+    aside = np.maximum(np.abs(t - 4.0) - 0.5, 0.0)
+    ways = np.stack([np.column_stack([0.7 * t, side * aside]) for side in (1.0, -1.0)], axis=1)
+    places = [two if off > 0.0 else two[:1] for two, off in zip(ways, aside, strict=True)]
+    tracklets = grow_tracklets(t, places)
+    when = np.repeat(t, [len(found) for found in places])
+    for number in range(len(tracklets)):
+        assert not when[tracklets[number][0]] < 3.5 < 4.5 < when[tracklets[number][-1]]
+    assert len(tracklets[0]) > 0.6 * 3.5 * rate
+
+
+def test_a_frame_twice_a_second_gives_nothing_away_to_noise() -> None:
+    """There the sheet's rule holds to the letter."""
+    assert TrackletSettings().reach(0.5) == 1.0
+    assert TrackletSettings().hardly(0.5) == TrackletSettings().still
 
 
 def test_nothing_seen_is_no_tracklet() -> None:
@@ -133,7 +179,7 @@ def test_every_detection_is_in_one_tracklet_and_no_link_could_have_been_another(
         assert (tracklets.tracklet[members] == number).all()
         assert (np.diff(frame[members]) == 1).all()
         for one, two in pairwise(members):
-            reach = 2.0 * (t[frame[two]] - t[frame[one]])
+            reach = TrackletSettings().reach(float(t[frame[two]] - t[frame[one]]))
             assert np.linalg.norm(everything[two] - everything[one]) < reach
             if one == members[0]:
                 assert (np.linalg.norm(places[frame[two]] - everything[one], axis=1) < reach).sum() == 1
