@@ -16,9 +16,19 @@ from benchmarks.fusion_run import run_fusion
 from benchmarks.pets_detections import ORIGIN, load_detections
 from benchmarks.pets_truth import FRAMES, FRAMES_PER_S, PetsTruth
 from benchmarks.phone_folds import EMULATED, POINTS, SCORED, Case, Split, add_options, draw_curves, measure
-from benchmarks.phones_on_tracks import AROUND, Recording, between, only_phones, phones_on, ring_of, with_site_points
+from benchmarks.phones_on_tracks import (
+    AROUND,
+    RADIO,
+    Recording,
+    between,
+    only_phones,
+    phones_on,
+    ring_of,
+    with_site_points,
+)
 from benchmarks.phones_picture import draw_overlays
 from services.cli.demo import find_site
+from services.simulator.radio.radio_world import RadioParameters
 from shared.site import load_site
 
 __all__ = ["EXPERIMENT", "main", "pets_folds", "pets_recording", "pets_whole"]
@@ -53,19 +63,19 @@ def pets_recording(points: int = POINTS[0], data: Path | None = None) -> Recordi
     )
 
 
-def pets_whole(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[Split]:
+def pets_whole(seed: int, points: int = POINTS[0], every: float = 1.0, radio: RadioParameters = RADIO) -> list[Split]:
     """Return the whole clip with a phone on everybody."""
     recording = pets_recording(points)
-    return [Split(phones_on(recording, recording.person, seed, every=every), ORIGIN)]
+    return [Split(phones_on(recording, recording.person, seed, every=every, parameters=radio), ORIGIN)]
 
 
-def pets_folds(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[Split]:
+def pets_folds(seed: int, points: int = POINTS[0], every: float = 1.0, radio: RadioParameters = RADIO) -> list[Split]:
     """Return the halves of the clip for each half of the people: taught by the others' phones in the other half.
 
     The tested run has phones on everybody, as ever; scores count for its half alone. Ten seconds between teaching
     and testing belong to neither.
     """
-    [split] = pets_whole(seed, points, every)
+    [split] = pets_whole(seed, points, every, radio)
     whole, devices = split.test, list(split.test.scans)
     begin, half, end = ORIGIN, ORIGIN + FRAMES / FRAMES_PER_S / 2.0, ORIGIN + FRAMES / FRAMES_PER_S
     spans = {
@@ -89,9 +99,9 @@ def pets_folds(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[S
     return splits
 
 
-def pets_wide(seed: int, points: int = POINTS[0], every: float = 1.0) -> list[Split]:
+def pets_wide(seed: int, points: int = POINTS[0], every: float = 1.0, radio: RadioParameters = RADIO) -> list[Split]:
     """Return the whole clip for each half of the people, taught by the others' phones over the whole clip."""
-    [split] = pets_whole(seed, points, every)
+    [split] = pets_whole(seed, points, every, radio)
     devices = list(split.test.scans)
     return [
         Split(split.test, ORIGIN, tested, only_phones(split.test, set(devices) - set(tested)))

@@ -1,10 +1,13 @@
 """How well were phones found among anonymous people? Located trajectories, names per second, time to the first name.
 
 *Located*: F1 of where a device was said to be against where its carrier was, label fixed, within 1 m, over the times of
-the truth (IDF1 with the matching given). A place told of a device no camera saw counts in view only, and only where it
-claims to be that exact (its own standard deviation is within the gate). *Names*: once a second; who a track is, is the
-person matched to it most often within a second before and after, so that a track that passes through another is judged
-by whom it follows. A name on a track that follows nobody is wrong.
+the truth (IDF1 with the matching given). Whoever puts a device on a track claims a place, and so does whoever follows
+one that no camera sees to within the gate (by its own standard deviation); a vaguer row claims nothing. A wrong claim
+counts against, wherever the carrier is; a right one counts for it in view, and neither way out of view, where there is
+nothing to be found. ``in_view`` is the laxer figure: claims of unseen devices count in view only, names on tracks
+always. *Names*: once a second; who a track is, is the person matched to it most often within a second before and after,
+so that a track that passes through another is judged by whom it follows. A name on a track that follows nobody is
+wrong.
 """
 
 from __future__ import annotations
@@ -88,8 +91,9 @@ class PhoneScore:
     """Counts of k devices, and what is pooled over them.
 
     Attributes:
-        found, claimed, present: (k,), times at which the device was said to be within the gate of its carrier, was said
-            to be anywhere, and its carrier was in view.
+        found, claimed, present: (k,), times at which the device was rightly said to be where its carrier was in view, a
+            place was claimed of it (right claims out of view left out), and its carrier was in view.
+        claimed_in_view: (k,), the same as ``claimed`` by the laxer rule.
         right, named, right_seen, seen: (k,), seconds with a right name, with any, with a right one while the carrier
             was in view, and in view.
         error: (e,) metres, at times in view at which a place was told.
@@ -99,6 +103,7 @@ class PhoneScore:
     found: NDArray[np.int64]
     claimed: NDArray[np.int64]
     present: NDArray[np.int64]
+    claimed_in_view: NDArray[np.int64]
     right: NDArray[np.int64]
     named: NDArray[np.int64]
     right_seen: NDArray[np.int64]
@@ -114,7 +119,10 @@ class PhoneScore:
     @property
     def f1(self) -> float:
         """Of located trajectories, all devices together; NaN where nobody was in view."""
-        whole = int(self.claimed.sum() + self.present.sum())
+        return self._f1(self.claimed)
+
+    def _f1(self, claimed: NDArray[np.int64]) -> float:
+        whole = int(claimed.sum() + self.present.sum())
         return 2.0 * int(self.found.sum()) / whole if whole else float("nan")
 
     def figures(self, suffix: str) -> dict[str, float | None]:
@@ -131,7 +139,9 @@ class PhoneScore:
             "seconds_to_identify_p90": float(first[1]),
             "never_identified": float(np.isinf(self.first).mean()) if len(self.first) else float("nan"),
         }
-        return {f"{name}_{suffix}": value if np.isfinite(value) else None for name, value in values.items()}
+        named = {f"{name}_{suffix}": value for name, value in values.items()}
+        named[f"idf1_{suffix}_in_view"] = self._f1(self.claimed_in_view)
+        return {name: value if np.isfinite(value) else None for name, value in named.items()}
 
 
 def score_phones(
@@ -156,9 +166,8 @@ def score_phones(
     in_view = truth.in_view[:, people]
     off: Array = np.linalg.norm(said.position[:, columns] - truth.position[:, people], axis=2)
     track, sigma = said.track[:, columns], said.sigma[:, columns]
-    claimed = (track > UNSEEN) | ((track == UNSEEN) & in_view & (sigma <= gate))
-    found = claimed & in_view & (off <= gate)  # NaN is not near
-    named = track > UNSEEN
+    named, exact = track > UNSEEN, (track == UNSEEN) & (sigma <= gate)
+    claimed, near = named | exact, off <= gate  # NaN is not near
     right = np.zeros(named.shape, bool)
     for row, column in zip(*np.nonzero(named), strict=True):
         right[row, column] = whom.whom(int(track[row, column]), int(row)) == people[column]
@@ -171,9 +180,10 @@ def score_phones(
     ]
     told = in_view & np.isfinite(off)
     return PhoneScore(
-        found=found.sum(axis=0),
-        claimed=claimed.sum(axis=0),
+        found=(claimed & in_view & near).sum(axis=0),
+        claimed=(claimed & (in_view | ~near)).sum(axis=0),
         present=in_view.sum(axis=0),
+        claimed_in_view=(named | (exact & in_view)).sum(axis=0),
         right=right[seconds].sum(axis=0),
         named=named[seconds].sum(axis=0),
         right_seen=(right & in_view)[seconds].sum(axis=0),

@@ -24,6 +24,7 @@ from shared.site import AccessPoint, Site
 
 __all__ = [
     "AROUND",
+    "HARSH",
     "RADIO",
     "Recording",
     "between",
@@ -54,6 +55,11 @@ RADIO = RadioParameters(
 )
 """Path loss whose constants are off by 3 dB and 0.2, shadowing of 4 dB over 3 m, white noise of 2.2 dB, phones that
 differ by 3 dB."""
+
+HARSH = RADIO.model_copy(
+    update={"shadowing_sigma": 6.0, "shadowing_length": 1.5, "noise_sigma": 3.5, "device_sigma": 3.5}
+)
+"""Radio that is worse than trackers assume."""
 
 FINE = 20.0
 """Points a second of the paths phones are carried along."""
@@ -114,7 +120,8 @@ def phones_on(
 ) -> WorldRecord:
     """Return the recording with a phone on each of ``carriers``.
 
-    A person's phone depends on seed and person alone: that others carry one as well changes nothing about it.
+    A person's phone depends on seed and person alone: that others carry one as well changes nothing about it. The truth
+    holds where phones are out of view too, as long as they are heard.
 
     Args:
         recording: the people.
@@ -128,9 +135,11 @@ def phones_on(
     begin = float(recording.t[0]) - AROUND - 1.0
     scans: dict[str, list[RadioScan]] = {}
     motions: dict[str, list[MotionBatch]] = {}
+    position = recording.position.copy()
     for person in carriers:
-        device = f"phone-{person}"
-        paths = _paths(recording.t, recording.position[:, recording.person.index(person)])
+        device, column = f"phone-{person}", recording.person.index(person)
+        paths = _paths(recording.t, recording.position[:, column])
+        position[:, column] = _all_along(recording.t, recording.position[:, column], paths)
         rng = generator(seed, "phone", person)
         phase_radio, phase_motion = rng.random(2)
         walking = _Walking(device, rng)
@@ -174,7 +183,7 @@ def phones_on(
             recording.t,
             recording.person,
             [f"phone-{person}" if person in carried else None for person in recording.person],
-            recording.position,
+            position,
             known,
         ),
         view=corners,
@@ -287,6 +296,15 @@ def _paths(t: Array, position: Array) -> list[_Path]:
         times = times[0] - AROUND + np.arange(len(place)) / FINE
         paths.append(_Path(times, place, np.gradient(place, 1.0 / FINE, axis=0)))
     return paths
+
+
+def _all_along(t: Array, position: Array, paths: Sequence[_Path]) -> Array:
+    """Return (n, 2) positions, out of view those of the phone's path; NaN where it has none."""
+    whole = position.copy()
+    for path in paths:
+        rows = np.flatnonzero(np.isnan(position[:, 0]) & (t >= path.t[0]) & (t <= path.t[-1]))
+        whole[rows] = np.column_stack([np.interp(t[rows], path.t, path.place[:, axis]) for axis in (0, 1)])
+    return whole
 
 
 # -- steps -----------------------------------------------------------------------------------------------------------

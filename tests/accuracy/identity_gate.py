@@ -23,7 +23,8 @@ SHARE = 0.005
 METRES = 1.02
 """Times which an error in metres may rise."""
 SECONDS = 90.0
-PHONE_SEED = 100
+PHONE_SEED = 7
+"""None of the three by which the experiments judge."""
 
 Figures = dict[str, float]
 

@@ -48,15 +48,35 @@ def test_a_name_that_stays_behind_when_its_carrier_left_lowers_f1() -> None:
     assert found.f1 == pytest.approx(2 * 5 / (10 + 5))
 
 
-def test_a_place_without_a_camera_counts_in_view_only_and_only_if_it_claims_to_be_exact() -> None:
-    def unseen(t: float, sigma: float) -> TrackFrame:
-        whole = frame(t, {7: (0.5, 0.0)}, {7: "a"})
-        return replace(whole, state=["unseen"], covariance=[(sigma**2, 0.0, sigma**2)])
+def unseen(t: float, sigma: float, x: float = 0.5) -> TrackFrame:
+    whole = frame(t, {7: (x, 0.0)}, {7: "a"})
+    return replace(whole, state=["unseen"], covariance=[(sigma**2, 0.0, sigma**2)])
 
-    exact = score([unseen(t, 0.9) for t in T.tolist()])
+
+def test_a_place_without_a_camera_is_a_claim_only_if_it_says_that_it_is_exact() -> None:
+    exact = score([unseen(t, 0.9) for t in T[:5].tolist()])
     assert (exact.found[0], exact.claimed[0], exact.named[0]) == (5, 5, 0)
-    rough = score([unseen(t, 1.5) for t in T.tolist()])
+    rough = score([unseen(t, 1.5, x=7.0) for t in T.tolist()])
     assert (rough.found[0], rough.claimed[0]) == (0, 0)
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_a_wrong_claim_counts_wherever_its_carrier_is_and_a_right_one_out_of_view_neither_way(seen: bool) -> None:
+    # Ann is known to stand at 0 for two seconds after she left the view; where she is later nobody knows.
+    truth = people()
+    position = truth.position.copy()
+    position[5:7, 0] = 0.0, 0.0
+    known = Truth(T, truth.person, truth.device, position, truth.in_view)
+
+    def claims(x: float) -> PhoneScore:
+        frames = [frame(t, {7: (x, 0.0)}, {7: "a"}) if seen else unseen(t, 0.9, x) for t in T.tolist()]
+        return score_phones(known, followed(known, frames), said_live(T, ["a"], frames, fresh=0.5))
+
+    right, wrong = claims(0.5), claims(7.0)
+    assert (right.found[0], right.claimed[0], right.present[0]) == (5, 5 + 3, 5)
+    assert (wrong.found[0], wrong.claimed[0]) == (0, 10)
+    assert right.f1 == pytest.approx(2 * 5 / (8 + 5))
+    assert right.figures("x")["idf1_x_in_view"] == pytest.approx(2 * 5 / (10 + 5) if seen else 1.0)
 
 
 def test_whom_a_track_follows_is_decided_by_the_second_around() -> None:
