@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.robustness import EXPERIMENT, Cell, Measured, cells, contact_curve, curves_of
+from benchmarks.robustness import EXPERIMENT, Cell, Measured, against_vision, cells, contact_curve, curves_of
 from benchmarks.robustness_picture import draw_curves
 
 
@@ -27,6 +27,14 @@ def test_names_are_of_no_use_to_who_gives_none() -> None:
     figures = curves_of([(Cell("plain", 0, "rbmcda-vision"), measured(1.0))])
     assert figures["occlusion_0_rbmcda-vision"] == 1.0
     assert "aps_6_rbmcda-vision" not in figures
+
+
+def test_without_occlusion_methods_are_compared_with_vision() -> None:
+    runs = [(Cell("plain", 0, name), measured(error)) for name, error in (("rbmcda", 2.0), ("rbmcda-vision", 1.6))]
+    found = against_vision(curves_of(runs))
+    assert found["rbmcda_of_vision"] == pytest.approx(1.25)
+    assert found["evidence_of_vision"] is None
+    assert "rbmcda_of_vision" in EXPERIMENT.missed(found)
 
 
 def test_placements_are_one_point() -> None:
@@ -51,6 +59,7 @@ def test_minutes_are_sorted_by_how_many_were_seen_in_them() -> None:
 
 def test_what_the_study_is_compared_with_is_measured_and_drawn(tmp_path: Path) -> None:
     figures = curves_of([(cell, measured(1.0)) for cell in cells()]) | contact_curve(walkers=10)
-    assert set(EXPERIMENT.studies) <= set(figures)
+    figures |= against_vision(figures)
+    assert set(EXPERIMENT.studies) | set(EXPERIMENT.at_most) <= set(figures)
     draw_curves(figures, tmp_path / "curves.png")
     assert (tmp_path / "curves.png").stat().st_size > 10_000
