@@ -47,11 +47,14 @@ def scan_likelihood(residual: Array, variance: Array, offset: float, offset_vari
         offset_variance: see there.
     """
     limit = OUTLIER * np.sqrt(variance + offset_variance)
-    off = np.minimum(np.maximum(residual - offset, -limit), limit)
+    off = residual - offset
+    np.minimum(np.maximum(off, -limit, out=off), limit, out=off)
     weight = 1.0 / variance
     total = weight.sum(axis=-1)
-    shared = (off * weight).sum(axis=-1)
-    misfit = (off * off * weight).sum(axis=-1) - shared * shared / (1.0 / offset_variance + total)
+    # Sums over the few access points of thousands of cells: products summed at once, nothing stored between.
+    shared = np.einsum("...h,...h->...", off, weight)
+    squares = np.einsum("...h,...h,...h->...", off, off, weight)
+    misfit = squares - shared * shared / (1.0 / offset_variance + total)
     volume = np.log(variance).sum(axis=-1) + np.log1p(offset_variance * total)
     likelihood: Array = -0.5 * (misfit + volume)
     return likelihood

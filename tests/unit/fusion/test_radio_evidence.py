@@ -28,6 +28,20 @@ def test_the_offset_is_marginalised_exactly(seed: int, points: int) -> None:
     assert scan_likelihood(residual, variance, offset, spread) == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("rows", [1, 40], ids=["one variance for all places", "a variance of each place"])
+def test_many_places_at_once_agree_with_one_by_one(rows: int) -> None:
+    """Outliers among them."""
+    rng = np.random.default_rng(rows)
+    residual, variance = rng.normal(0.0, 15.0, (40, 7)), rng.uniform(4.0, 30.0, (rows, 7))
+    together = scan_likelihood(residual, variance, 1.5, 6.0)
+    for place, own in zip(range(40), np.broadcast_to(variance, (40, 7)), strict=True):
+        limit = 3.0 * np.sqrt(own + 6.0)
+        off = np.clip(residual[place] - 1.5, -limit, limit)
+        covariance = np.diag(own) + 6.0
+        expected = -0.5 * (off @ np.linalg.solve(covariance, off) + np.linalg.slogdet(covariance)[1])
+        assert together[place] == pytest.approx(expected, abs=1e-9)
+
+
 def test_a_phone_that_hears_everything_weaker_is_forgiven() -> None:
     common, mixed = scan_likelihood(np.array([[-6.0] * 6, [-6.0, 6.0] * 3]), np.full(6, 20.0), 0.0, 9.0)
     assert common > mixed + 3.0
