@@ -129,6 +129,21 @@ def test_an_empty_frame_is_a_miss_and_the_track_dies_in_the_end(everybodys: Trac
     assert states[-1] == []
 
 
+def test_a_frame_every_other_second_still_misses_who_left(everybodys: Tracker) -> None:
+    """Cameras on a poor network: people are found, they leave, and what never was anybody does not pile up."""
+    rng = np.random.default_rng(7)
+    for number in range(8):
+        tracks = everybodys.step(chunk(frame(100.0 + 2.0 * number, [(12.0, 7.0)], seq=number)))
+    assert len(tracks.track) == 1
+    sizes = []
+    for number in range(8, 100):
+        places = rng.uniform([4, 3], [20, 11], (int(number < 90), 2))
+        tracks = everybodys.step(chunk(frame(100.0 + 2.0 * number, places, seq=number)))
+        sizes.append(len(everybodys.state()))
+    assert tracks.track == []
+    assert max(sizes[40:]) < 1.5 * max(sizes[:40])
+
+
 def test_a_silent_camera_is_not_a_miss(everybodys: Tracker) -> None:
     before = walk_east(everybodys)
     # Three seconds of nothing at all, then the person is where the walk led.
@@ -235,6 +250,19 @@ def test_nonsense_is_ignored_and_nothing_raises(tracker: Tracker) -> None:
     assert sum(tracker.ignored().values()) > 0
     if tracker.name not in PHONES_ONLY:
         assert np.hypot(tracks.x[0] - 11.5, tracks.y[0] - 7.0) < 0.3
+
+
+def test_ellipses_that_are_lines_once_rounded_stop_nobody(tracker: Tracker) -> None:
+    flat = float(np.nextafter(1.0, 0.0))
+    for number in range(40):
+        both = [(1.0, flat, 1.0), (1.0, -flat if number % 2 else flat, 1.0)]
+        places = [(12.0, 7.0), (12.5, 7.2)]
+        frames = [
+            msgspec.structs.replace(frame(100.0 + number / 10, places, camera), covariance=both)
+            for camera in ("west", "east")
+        ]
+        encode(tracker.step(chunk(*frames)))
+    assert sum(tracker.ignored().values()) == 160
 
 
 def test_a_clock_set_back_starts_anew_instead_of_stopping(everybodys: Tracker) -> None:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from services.fusion.area_view import AreaView
 from services.fusion.positions import kalman_bank
 from services.fusion.positions.assignment import assign
+from services.fusion.positions.believable import believable
 from services.fusion.positions.camera_clocks import CameraClocks
 from services.fusion.positions.settings import AnonymousSettings
 from services.fusion.positions.track_table import TrackTable
@@ -98,9 +99,8 @@ class AnonymousLayer:
         self._advance(t)
         lag = self.t - t
         before = self._last_frame.get(frame.camera, frame.t)
-        interval = frame.t - before
         self._last_frame[frame.camera] = max(frame.t, before)
-        interval = interval if 0.0 < interval <= s.longest_interval else 0.0
+        interval = min(max(frame.t - before, 0.0), s.longest_interval)
         free = self._match(number, frame.t, lag, positions, noise, confidence, interval)
         if len(free):
             self._give_birth(number, frame.t, t, positions[free], noise[free], confidence[free])
@@ -139,8 +139,7 @@ class AnonymousLayer:
             dtype=np.float64,
         ).reshape(-1, 6)
         if len(rows):
-            xx, xy, yy = rows[:, 2], rows[:, 3], rows[:, 4]
-            usable = np.isfinite(rows).all(axis=1) & (xx > 0.0) & (yy > 0.0) & (xx * yy > xy * xy)
+            usable: Flags = np.isfinite(rows).all(axis=1) & believable(rows[:, 2:5])
             usable &= ((rows[:, :2] >= self.view.lower) & (rows[:, :2] <= self.view.upper)).all(axis=1)
             if not usable.all():
                 self.ignored["detection off the floor or without an extent"] += int(len(rows) - usable.sum())
@@ -184,7 +183,8 @@ class AnonymousLayer:
             near = distance < s.gate_distance**2
             if tracks.resting.any():
                 near &= ~tracks.resting[:, None] | (distance < s.rest_gate**2)
-            cost = np.where(near & (mahalanobis < s.gate**2), mahalanobis + log_det, s.dearest)
+            near &= (mahalanobis < s.gate**2) & np.isfinite(log_det)
+            cost = np.where(near, mahalanobis + log_det, s.dearest)
             rows, columns = assign(cost, s.dearest)
             if len(rows):
                 self._feed(rows, camera, clock, lag, positions[columns], noise[columns], confidence[columns])
@@ -199,10 +199,11 @@ class AnonymousLayer:
                     free = alone.nonzero()[0]
                 else:
                     free = free[:0]
-        if interval:
-            self._grade(hit, interval)
-            if not hit.all():
+        self._grade(hit, interval)
+        if not hit.all():
+            if interval:
                 self._count_misses(camera, self.t - lag, ~hit, interval)
+            self._bury(~hit, self.t - lag)
         return free
 
     def _feed(
@@ -281,7 +282,7 @@ class AnonymousLayer:
             camera: number of the camera.
             t: time of its frame.
             unseen: (n,) tracks that it did not see.
-            interval: seconds since its frame before.
+            interval: seconds since its frame before; of a longer silence, ``longest_interval`` of it.
         """
         tracks, s = self.tracks, self.settings
         rows = unseen.nonzero()[0]
@@ -300,6 +301,10 @@ class AnonymousLayer:
             still = ((places - tracks.anchor[rows]) ** 2).sum(axis=1) < s.still_radius**2
             tracks.resting[rows] |= still & tracks.confirmed[rows] & tracks.walked[rows] & (tracks.missed[rows] > 0.0)
             tracks.existence[rows] *= np.exp(-self._hazard(rows, places, depth) * elapsed)
+
+    def _bury(self, unseen: Flags, t: float) -> None:
+        """Let go of who has surely left, at any frame rate."""
+        tracks, s = self.tracks, self.settings
         dead = unseen & ((tracks.existence <= DEAD) | (~tracks.resting & (t - tracks.seen >= s.forget)))
         if dead.any():
             tracks.keep(~dead)

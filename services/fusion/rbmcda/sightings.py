@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from services.fusion.positions.believable import believable
 from services.fusion.rbmcda.settings import RbmcdaSettings
 from services.fusion.snapshot import unpack
 from shared.messages import DetectionFrame
@@ -177,8 +178,7 @@ def _usable(frame: DetectionFrame, lower: Array, upper: Array) -> tuple[Array, A
     packed = np.array(frame.covariance, float).reshape(-1, 3)
     with np.errstate(invalid="ignore", over="ignore"):
         fine = ((spots >= lower) & (spots <= upper)).all(axis=1)
-        fine &= (packed[:, 0] > 0.0) & (packed[:, 0] * packed[:, 2] > packed[:, 1] ** 2)
-        fine &= (packed < LARGEST_VARIANCE).all(axis=1)
+        fine &= believable(packed) & (packed < LARGEST_VARIANCE).all(axis=1)
     spots, packed = spots[fine], packed[fine]
     order = np.lexsort((spots[:, 1], spots[:, 0]))
     spots, packed = spots[order], packed[order]

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fusion_world import World, frame, make_site, make_view
+from msgspec.structs import replace
 
 from services.fusion.area_view import AreaView
 from services.fusion.positions.anonymous import AnonymousLayer
@@ -64,6 +65,43 @@ def test_a_track_coasts_through_an_occlusion_and_keeps_its_id(layer: AnonymousLa
         hidden = 40 <= number < 55
         layer.observe(frame(t, [] if hidden else [(6.0 + 0.1 * number, 7.0)]))
     assert confirmed(layer) == [1]
+
+
+def test_who_is_hidden_is_expected_to_slow_down(layer: AnonymousLayer) -> None:
+    """People who walk out of sight stop more often than they walk on for ever."""
+    for number in range(40):
+        layer.observe(frame(100.0 + number / 10, [(6.0 + 0.1 * number, 7.0)]))
+    speed = layer.tracks.mean[0, 2]
+    for number in range(40, 50):
+        layer.observe(frame(100.0 + number / 10, []))
+    assert speed == pytest.approx(1.0, abs=0.1)
+    # The first frame is missed only once it has come.
+    assert layer.tracks.mean[0, 2] == pytest.approx(speed * np.exp(-0.9 / layer.settings.slow_down), rel=1e-6)
+
+
+@pytest.mark.parametrize("silence", [1.5, 5.0, 9.0])
+def test_of_a_silence_only_so_much_is_missed_as_an_interval_may_last(layer: AnonymousLayer, silence: float) -> None:
+    for number in range(30):
+        layer.observe(frame(100.0 + number / 10, [(12.0, 7.0)]))
+    layer.observe(frame(102.9 + silence, []))
+    assert layer.tracks.missed.tolist() == pytest.approx([layer.settings.longest_interval])
+
+
+@pytest.mark.parametrize("flat", [1.0 - 1e-10, float(np.nextafter(1.0, 0.0)), 1.0, float("nan")])
+def test_a_covariance_that_is_a_line_is_counted_and_left_out(layer: AnonymousLayer, flat: float) -> None:
+    layer.observe(replace(frame(100.0, [(12.0, 7.0)]), covariance=[(1.0, flat, 1.0)]))
+    assert not len(layer.tracks.ids)
+    assert layer.ignored == {"detection off the floor or without an extent": 1}
+
+
+def test_what_cannot_be_reckoned_is_never_assigned(layer: AnonymousLayer) -> None:
+    """A filter gone bad may lose its person, but not stop everybody's tracking."""
+    for number in range(10):
+        layer.observe(frame(100.0 + number / 10, [(8.0, 7.0), (14.0, 7.0)]))
+    layer.tracks.covariance[0, :2, :2] = [[1.0, 9.0], [9.0, 1.0]]
+    with np.errstate(invalid="ignore"):
+        layer.observe(frame(101.0, [(8.0, 7.0), (14.0, 7.0)]))
+    assert layer.tracks.hits[layer.tracks.ids == 2] == 11
 
 
 def test_who_leaves_the_view_is_let_go_sooner_than_who_is_hidden(layer: AnonymousLayer) -> None:

@@ -74,6 +74,24 @@ def test_of_three_clocks_the_odd_one_is_wrong() -> None:
     assert clocks.complaints() == ["clock of camera c is 0.5 s ahead"]
 
 
+def test_what_was_learned_with_wrong_times_counts_for_little_once_they_are_right() -> None:
+    """A clock is set while people walk: the evidence from before has outlived a correction by a fifth at most."""
+    clocks = CameraClocks(["a", "b"])
+    rng = np.random.default_rng(1)
+    weights = []
+    for number in range(400):
+        velocity = rng.normal(0.0, 1.0, (1, 2))
+        t = number / 20.0
+        places = velocity * np.array([[t], [t + 0.05]])
+        fix = np.array([[*places[0], t]])
+        clocks.learn(1, t + 0.05 + 0.4, np.array([0]), fix, velocity, places[1:])
+        weights.append(clocks.state()["sums"][0, 1, 0])
+        if clocks.offsets.any():
+            break
+    assert clocks.offsets[1] - clocks.offsets[0] == pytest.approx(0.4, abs=0.02)
+    assert weights[-1] == pytest.approx(0.2 * (weights[-2] + 1.0), rel=0.01)
+
+
 def test_what_was_learned_of_the_clocks_survives_a_restart(world: World) -> None:
     layer = AnonymousLayer(AreaView.of(world.site, "hall"))
     for _, frame in seen_by_both(world, 0.4):
