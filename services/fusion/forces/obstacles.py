@@ -64,6 +64,7 @@ class Obstacles:
         shape: rows and columns of the index.
         near_pieces: by cell, what may be within reach of a place in it; ``near_discs`` likewise.
         near_discs: see above.
+        pieces: all of them as shapes, for ways longer than ``REACH``.
     """
 
     lines: Array
@@ -75,6 +76,7 @@ class Obstacles:
     shape: tuple[int, int]
     near_pieces: CellLists
     near_discs: CellLists
+    pieces: shapely.STRtree
 
     @classmethod
     def of_plan(cls, plan: FloorPlan, blocked: shapely.MultiPolygon | None = None) -> Obstacles:
@@ -120,6 +122,7 @@ class Obstacles:
         long = np.linalg.norm(along, axis=1)
         space = inside or shapely.MultiPolygon()
         shapely.prepare(space)
+        shapes = [shapely.LineString(piece) for piece in ends]
         return cls(
             lines=np.column_stack([ends[:, 0], along / long[:, None], long]).T.copy(),
             onward=_onward(ends),
@@ -128,8 +131,9 @@ class Obstacles:
             inside=space,
             origin=lower,
             shape=(rows, columns),
-            near_pieces=CellLists.of([shapely.LineString(piece) for piece in ends], centres, far),
+            near_pieces=CellLists.of(shapes, centres, far),
             near_discs=CellLists.of([shapely.Point(x, y) for x, y, _ in rounds], centres, far + widest),
+            pieces=shapely.STRtree(shapes),
         )
 
     def near(self, places: Array) -> Contacts:
@@ -151,7 +155,7 @@ class Obstacles:
         """Return where ways from (n, 2) ``start`` to (n, 2) ``end`` first cross a piece.
 
         A way that starts inside a solid, where an estimate may lie, is free: its faces, and walls drawn along them,
-        must not keep anybody in.
+        must not keep anybody in. A way that ends exactly on a piece has met it, or the next would start beyond it.
 
         Returns:
             (n,) the share of each way before it, 1 where nothing is crossed, and (n,) which piece, -1 for none.
@@ -160,7 +164,7 @@ class Obstacles:
         way, piece = self._pieces_along(start, end)
         begin, left = self._beside(start, way, piece)
         stop, right = self._beside(end, way, piece)
-        crossing = np.flatnonzero(left * right < 0.0)
+        crossing = np.flatnonzero((left * right < 0.0) | ((right == 0.0) & (left != 0.0)))
         way, piece, left, right = way[crossing], piece[crossing], left[crossing], right[crossing]
         part = left / (left - right)
         at = begin[crossing] + part * (stop - begin)[crossing]
@@ -185,12 +189,9 @@ class Obstacles:
         if quick.all():
             return way, piece
         far = np.flatnonzero(~quick & np.isfinite(long))
-        tails = self.lines[:2].T
-        ends = np.stack([tails, tails + (self.lines[4] * self.lines[2:4]).T], axis=1)
+        # A touch may be lost by rounding: who comes within a micrometre is looked at exactly.
         ways = shapely.linestrings(np.stack([start[far], end[far]], axis=1))
-        which, crossed = shapely.STRtree([shapely.LineString(piece) for piece in ends]).query(
-            ways, predicate="intersects"
-        )
+        which, crossed = self.pieces.query(ways, predicate="dwithin", distance=1e-6)
         return np.concatenate([way, far[which]]), np.concatenate([piece, crossed])
 
     def _cells(self, places: Array) -> Indices:

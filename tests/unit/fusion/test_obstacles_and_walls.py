@@ -119,6 +119,19 @@ def test_a_step_into_a_corner_ends_there() -> None:
     assert 0.0 < stop[1] <= 0.06
 
 
+@pytest.mark.parametrize("start", [(3.0, 1.0), (1.0, 1.0)])
+def test_a_step_that_ends_exactly_on_a_wall_does_not_pass_it_next_time(start: tuple[float, float]) -> None:
+    """Near by, and from farther than the index of near pieces reaches."""
+    first = stay_walkable(np.array([start]), np.array([[4.0, 1.0]]), IN_ROOM)
+    assert first[0] == pytest.approx([3.95, 1.0])
+    assert stay_walkable(first, first + np.array([[1.0, 0.0]]), IN_ROOM)[0, 0] < 4.0
+
+
+def test_long_ways_build_no_index_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shapely, "STRtree", None)
+    assert walkable_share(np.array([[1.0, 3.0]]), np.array([[9.0, 3.0]]), IN_ROOM)[0] == pytest.approx(3.0 / 8.0)
+
+
 def test_an_estimate_inside_an_obstacle_may_walk_out_of_it() -> None:
     start, end = np.array([[7.0, 3.0]]), np.array([[9.0, 3.0]])
     np.testing.assert_array_equal(stay_walkable(start, end, IN_ROOM), end)
