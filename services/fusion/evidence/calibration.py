@@ -25,6 +25,9 @@ POWER_SIGMA = 5.0
 EXPONENT_SIGMA = 0.25
 LEARNED = 0.3
 """How much of that remains where a model was learned."""
+BELIEVED = 30.0
+"""Readings as which the noise believed beforehand counts, and the least and the largest factor on its variance."""
+NOISE = (0.5, 4.0)
 TYPICAL = 10.0
 """10 log₁₀ of the distance at which the remaining uncertainty is told: ten metres."""
 
@@ -38,12 +41,15 @@ class Calibration:
         information: (m, 2, 2), precision of the correction of (power, exponent).
         evidence: (m, 2), precision times mean.
         correction: (m, 2), in use.
+        misfit: (2,), sum of squared errors of readings whose place is known, in units of what they were expected to
+            be, and number of those; what is believed beforehand counts as some of them.
     """
 
     guess: PathLoss
     information: Array
     evidence: Array
     correction: Array
+    misfit: Array
 
     @classmethod
     def of(cls, guess: PathLoss, *, learned: bool = False) -> Calibration:
@@ -51,7 +57,9 @@ class Calibration:
         m = len(guess.names)
         known = LEARNED if learned else 1.0
         prior = np.diag([(known * POWER_SIGMA) ** -2, (known * EXPONENT_SIGMA) ** -2])
-        return cls(guess, np.broadcast_to(prior, (m, 2, 2)).copy(), np.zeros((m, 2)), np.zeros((m, 2)))
+        return cls(
+            guess, np.broadcast_to(prior, (m, 2, 2)).copy(), np.zeros((m, 2)), np.zeros((m, 2)), np.full(2, BELIEVED)
+        )
 
     def rssi(self, places: Array) -> Array:
         """Return the expected signal strengths, (n, m) in dBm, at (n, 2) places."""
@@ -81,6 +89,25 @@ class Calibration:
         self.evidence[heard, 0] += weight * residual
         self.evidence[heard, 1] -= weight * distance * residual
 
+    @property
+    def noise(self) -> float:
+        """By how much readings vary more than they were expected to; a factor on variances."""
+        return min(max(float(self.misfit[0] / self.misfit[1]), NOISE[0]), NOISE[1])
+
+    def learn_noise(self, residual: Array, variance: Array, weight: float) -> None:
+        """Note how well one scan of a phone fits whose place is known for sure.
+
+        Args:
+            residual: (h,) dB; what all have in common is the phone's own.
+            variance: (h,) dB², expected of each.
+            weight: how much of the scan is new, 0 to 1.
+        """
+        if len(residual) < 2:
+            return
+        share = 1.0 / variance
+        off = residual - float((residual * share).sum() / share.sum())
+        self.misfit += weight * np.array([float((off * off * share).sum()), len(residual) - 1.0])
+
     def solve(self) -> None:
         """Put what was learned to use."""
         (a, b), (_, d) = self.information[:, 0].T, self.information[:, 1].T
@@ -100,9 +127,12 @@ class Calibration:
 
     def state(self) -> dict[str, Any]:
         """Return a copy of what was learned."""
-        return {name: getattr(self, name).copy() for name in ("information", "evidence", "correction")}
+        return {name: getattr(self, name).copy() for name in _LEARNED}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from ``state()``."""
-        for name in ("information", "evidence", "correction"):
+        for name in _LEARNED:
             setattr(self, name, of_shape(unpack(state[name]), getattr(self, name).shape))
+
+
+_LEARNED = ("information", "evidence", "correction", "misfit")

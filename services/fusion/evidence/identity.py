@@ -28,6 +28,8 @@ Integers = NDArray[np.int64]
 
 LEAST_ABOUT = 0.3
 """A device less likely to be about teaches nothing."""
+SURE = 0.8
+"""A device likelier than that to be on one track teaches how noisy readings are."""
 SLOT = 0.2
 """Seconds of a slot of the lineage."""
 
@@ -122,10 +124,11 @@ class IdentityLayer(Devices):
         own = s.white**2 / scan.count + self.calibration.variance()[heard]
         distance = self.calibration.guess.log_distance(places)
         residual, variance = self._residual(scan, places, distance, own)
-        tracks = weight * scan_likelihood(residual, variance, hearing.offset, common)
+        noise = self.calibration.noise
+        tracks = weight * scan_likelihood(residual, noise * variance, hearing.offset, common)
         mean = self._expected if self._map is None else self._expected + self._map[0]
         shadow = s.shadowing**2 if self._map is None else s.shadowing_known**2 + self._map[1][:, heard]
-        spread = np.atleast_2d(own + shadow)
+        spread = np.atleast_2d(noise * (own + shadow))
         off = scan.level - mean[:, heard]
         cells = weight * scan_likelihood(off, spread, hearing.offset, common)
         volume = np.log(spread).sum(axis=1).mean() + math.log1p(common * float((1.0 / spread[0]).sum()))
@@ -140,6 +143,12 @@ class IdentityLayer(Devices):
             np.concatenate([residual, off[some]]),
             np.concatenate([self.beliefs.share[row, columns], floor[some]]),
         )
+        share = self.beliefs.share[row, columns]
+        if len(columns) and share.max() > SURE:
+            best = int(share.argmax())
+            self.calibration.learn_noise(
+                residual[best], np.broadcast_to(variance, residual.shape)[best], trust * weight
+            )
         self.beliefs.weigh(row, columns, tracks, cells, far)
 
     def _residual(self, scan: Gathered, places: Array, distance: Array, own: Array) -> tuple[Array, Array]:

@@ -95,3 +95,23 @@ def test_path_loss_falls_by_ten_n_per_decade_and_stays_finite_at_the_antenna() -
     assert level[0] == pytest.approx(-40.0)
     assert level[1] == pytest.approx(-60.0)
     assert np.isfinite(level[2])
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.0, 2.5])
+def test_how_noisy_readings_are_is_learned_whatever_the_phone_reads_too_much(factor: float) -> None:
+    made = Calibration.of(PathLoss(("a",), np.zeros((1, 3)), np.full(1, -40.0), np.full(1, 2.0)))
+    rng = np.random.default_rng(3)
+    variance = np.array([10.0, 20.0, 20.0, 40.0])
+    assert made.noise == 1.0
+    for _ in range(400):
+        made.learn_noise(7.0 + rng.normal(size=4) * np.sqrt(factor * variance), variance, 0.5)
+    assert made.noise == pytest.approx(factor, rel=0.15)
+
+
+def test_one_reading_says_nothing_of_noise_and_nonsense_not_too_much() -> None:
+    made = Calibration.of(PathLoss(("a",), np.zeros((1, 3)), np.full(1, -40.0), np.full(1, 2.0)))
+    made.learn_noise(np.array([50.0]), np.array([10.0]), 1.0)
+    assert made.noise == 1.0
+    for _ in range(50):
+        made.learn_noise(np.array([50.0, -50.0]), np.array([10.0, 10.0]), 1.0)
+    assert made.noise == 4.0
