@@ -49,6 +49,15 @@ def test_phones_are_heard_before_and_after_the_view_and_in_its_gaps(record: Worl
         np.testing.assert_allclose(np.diff(heard), 1.0)
 
 
+def test_where_a_phone_out_of_view_is_heard_its_place_is_known_and_nobody_elses(recording: Recording) -> None:
+    away = slice(70, 90)
+    truth = phones_on(recording, ["2"], 5).truth
+    assert not truth.in_view[away, 1].any()
+    np.testing.assert_allclose(truth.position[away, 1], straight(9.0)[away], atol=0.1)
+    assert np.isnan(phones_on(recording, ["1"], 5).truth.position[away, 1]).all()
+    assert np.isnan(recording.position[away, 1]).all()
+
+
 def test_steps_add_up_to_the_way_and_point_along_it(record: WorldRecord) -> None:
     inside = [batch for batch in record.motions["phone-1"] if T[0] <= batch.t_start <= T[-1] - 1.0]
     walked = sum(sum(batch.length) for batch in inside)
