@@ -17,6 +17,11 @@ from numpy.typing import NDArray
 
 __all__ = ["counts", "encode_snapshot", "of_shape", "pack", "unpack"]
 
+SAMPLE = 2048
+"""Values, evenly taken from an array, by which it is known whether it compresses …"""
+WORTH = 0.6
+"""… to less than this share; otherwise it is stored as it is, at once."""
+
 
 def encode_snapshot(snapshot: Any) -> bytes:
     """Return JSON of a structure that may hold arrays; most of the time it takes, other threads run."""
@@ -31,9 +36,15 @@ def pack(array: Any) -> dict[str, Any]:
     """
     if not isinstance(array, np.ndarray):
         raise NotImplementedError(f"{type(array).__name__} has no place in a state")
-    # Estimates hardly compress, but what was never heard does, and the lightest level costs little.
-    data = zlib.compress(np.ascontiguousarray(array).data, 1)
+    flat = np.ascontiguousarray(array).reshape(-1)
+    data = zlib.compress(flat.data, 1 if _compresses(flat) else 0)
     return {"type": array.dtype.str, "shape": list(array.shape), "data": data}
+
+
+def _compresses(flat: NDArray[Any]) -> bool:
+    """Whether it is worth the time: what was never heard shrinks to nothing, estimates hardly do."""
+    sample = flat[:: max(1, flat.size // SAMPLE)]
+    return len(zlib.compress(sample.tobytes(), 1)) < WORTH * sample.nbytes
 
 
 def counts(value: Any) -> Counter[str]:
