@@ -30,6 +30,8 @@ Index = NDArray[np.int64]
 
 MOST_CELLS = 4000
 """Of a map; a large floor gets larger cells."""
+MOST_PAIRS = 2000
+"""Of phone and cell that one access point's readings are averaged into to compare phones; more get larger cells."""
 LEAST_WEIGHT = 1e-6
 """dB⁻²; a cell that has faded below says nothing any more."""
 FADED = 0.25
@@ -122,7 +124,7 @@ class RadioLearner:
         )
 
     def learn(self, places: Array, spread: Array, point: Index, residual: Array, share: Array) -> None:
-        """Take in n readings.
+        """Take in n readings; of which anything is not finite is left out.
 
         Args:
             places: (n, 2), where they were taken, metres; outside the grid they count to the nearest cell.
@@ -131,6 +133,9 @@ class RadioLearner:
             residual: (n,), heard − guess − the phone's own offset, dB.
             share: (n,), how much of a reading each is, 0 to 1 (see ``novelty``).
         """
+        fine = np.isfinite(np.column_stack([places, spread, residual, share])).all(axis=1)
+        places, spread, point = places[fine], spread[fine], point[fine]
+        residual, share = residual[fine], share[fine]
         rows, columns = self.shape
         spot = np.rint((places - self.origin) / self.cell).astype(np.int64)
         x, y = np.clip(spot[:, 0], 0, columns - 1), np.clip(spot[:, 1], 0, rows - 1)
@@ -224,15 +229,14 @@ def device_offsets(
         point: (n,) which access point.
         residual: (n,) heard − guess, dB.
         variance: (n,) of each reading, dB².
-        cell: metres; readings of one phone in one cell are averaged beforehand.
+        cell: metres; readings of one phone in one cell are averaged beforehand, in larger cells where there would be
+            more than ``MOST_PAIRS`` averages.
     """
     count = int(device.max(initial=-1)) + 1
     information, evidence = np.diag(np.full(count, prior.device**-2)), np.zeros(count)
     for which in np.unique(point).tolist():
         mine = np.flatnonzero(point == which)
-        key = np.column_stack([device[mine], np.floor(places[mine] / cell)])
-        _, group = np.unique(key, axis=0, return_inverse=True)
-        group = group.ravel()
+        group = _gathered(device[mine], places[mine], cell)
         weight = np.bincount(group, 1.0 / variance[mine])
         sums = [np.bincount(group, places[mine, axis] / variance[mine]) for axis in (0, 1)]
         at: Array = np.asarray(np.column_stack(sums) / weight[:, None], np.float64)
@@ -247,3 +251,14 @@ def device_offsets(
         evidence += belongs.T @ solved[:, -1]
     offsets: Array = np.asarray(np.linalg.solve(information, evidence), np.float64)
     return offsets
+
+
+def _gathered(device: Index, places: Array, cell: float) -> Index:
+    """Return (n,) which average each reading belongs to: one per phone and cell, of a grid coarse enough."""
+    beyond = places - np.floor(places.min(axis=0) / cell) * cell  # one cell in the end, wherever the floor's zero is
+    while True:
+        key = np.column_stack([device, np.floor(beyond / cell)])
+        pairs, group = np.unique(key, axis=0, return_inverse=True)
+        if len(pairs) <= MOST_PAIRS or not np.ptp(pairs[:, 1:], axis=0).any():
+            return group.ravel().astype(np.int64)
+        cell *= 1.5

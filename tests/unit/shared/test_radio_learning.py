@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor
 
-from shared.radio import PathLoss, RadioLearner, RadioPrior, device_offsets, novelty
+from shared.radio import PathLoss, RadioLearner, RadioPrior, device_offsets, novelty, radio_learning
 
 Array = NDArray[np.float64]
 LOWER, UPPER = np.zeros(2), np.array([12.0, 8.0])
@@ -125,6 +126,64 @@ def test_readings_in_two_parts_are_those_at_once_and_what_fades_is_forgotten() -
     assert (parts.solve().shadowing.variance >= at_once.shadowing.variance - 1e-9).all()
     parts.fade(0.0)
     np.testing.assert_allclose(parts.solve().shadowing.variance, before(parts))
+
+
+def test_fading_moves_no_reading_from_its_place() -> None:
+    """One reading off its cell's centre: once half faded, the most is still known right there."""
+    prior = RadioPrior(power=0.0, exponent=0.0, shadowing_range=1.0)
+    one = learner(prior=prior)
+    teach(one, (np.array([[3.8, 2.7]]), np.full(1, 0.1), np.zeros(1, np.int64), np.array([8.0])))
+    places = one.place[0, one.weight[0] > 0.0] / one.weight[0, one.weight[0] > 0.0][:, None]
+    one.fade(0.5)
+    after = one.place[0, one.weight[0] > 0.0] / one.weight[0, one.weight[0] > 0.0][:, None]
+    np.testing.assert_allclose(after, places)
+    mean = one.solve().shadowing.mean[0]
+    row, column = np.unravel_index(np.argmax(mean), mean.shape)
+    assert (int(column), int(row)) == (3, 2)
+
+
+@pytest.mark.parametrize("wrong", ["x", "spread", "residual", "share"])
+def test_what_is_no_number_teaches_nothing(wrong: str) -> None:
+    rng = np.random.default_rng(6)
+    places, spread, point, residual = readings(rng, 20)
+    share = np.ones(20)
+    one, other = learner(), learner()
+    other.learn(places[1:], spread[1:], point[1:], residual[1:], share[1:])
+    column = {"x": places[:, 0], "spread": spread, "residual": residual, "share": share}[wrong]
+    column[0] = np.nan
+    one.learn(places, spread, point, residual, share)
+    for name in ("weight", "level", "place"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_many_phones_on_a_large_floor_are_solved_in_bounded_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond a cap cells get coarser; what phones read too much is still found."""
+    sizes = []
+
+    def watched(covariance: Array, lower: bool) -> object:
+        sizes.append(len(covariance))
+        return cho_factor(covariance, lower=lower)
+
+    monkeypatch.setattr(radio_learning, "MOST_PAIRS", 200)
+    monkeypatch.setattr(radio_learning, "cho_factor", watched)
+    rng = np.random.default_rng(8)
+    count, true = 4000, rng.normal(0.0, 4.0, 8)
+    device, places = rng.integers(0, 8, count), rng.uniform(LOWER, UPPER, (count, 2))
+    residual = true[device] + 3.0 * np.sin(places[:, 0]) + rng.normal(0.0, 2.5, count)
+    point, variance = np.zeros(count, np.int64), np.full(count, 6.25)
+    found = device_offsets(GUESS, RadioPrior(), device, places, point, residual, variance)
+    np.testing.assert_allclose(found - found.mean(), true - true.mean(), atol=0.7)
+    assert max(sizes) <= 200
+
+
+def test_more_phones_than_the_cap_are_each_one_cell(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(radio_learning, "MOST_PAIRS", 5)
+    rng = np.random.default_rng(9)
+    device = np.arange(200) % 20
+    zero = np.zeros(200, np.int64)
+    places = rng.uniform(-UPPER, UPPER, (200, 2))  # the floor's zero lies within
+    found = device_offsets(GUESS, RadioPrior(), device, places, zero, device.astype(np.float64), np.full(200, 6.25))
+    assert np.corrcoef(found, np.arange(20.0))[0, 1] > 0.9
 
 
 def test_a_phone_at_rest_tells_little_more_than_once() -> None:
