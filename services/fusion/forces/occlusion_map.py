@@ -88,8 +88,12 @@ class OcclusionMap:
         return self._lower + self.settings.cell * np.stack([x, y], axis=-1)
 
     def blocked(self, visible: NDArray[np.bool_] | None = None) -> shapely.MultiPolygon:
-        """Return the blocked cells as one shape, for ``Obstacles.of_plan``: forces do not depend on the cell's size."""
-        low = self.centres()[self.blocked_cells(visible)] - 0.5 * self.settings.cell
+        """Return the blocked cells as one shape, see ``shape_of``."""
+        return self.shape_of(self.blocked_cells(visible))
+
+    def shape_of(self, cells: NDArray[np.bool_]) -> shapely.MultiPolygon:
+        """Return (rows, columns) cells as one shape, for ``Obstacles.of_plan``: forces do not depend on their size."""
+        low = self.centres()[cells] - 0.5 * self.settings.cell
         high = low + self.settings.cell
         united = shapely.union_all(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
         return shapely.MultiPolygon([part for part in shapely.get_parts(united) if not part.is_empty])

@@ -19,6 +19,7 @@ from services.fusion.rbmcda.births import birth
 from services.fusion.rbmcda.constants import Constants
 from services.fusion.rbmcda.generators import generator_of, generator_state
 from services.fusion.rbmcda.inertial import Displacement, WalkLog
+from services.fusion.rbmcda.learned_obstacles import LearnedObstacles
 from services.fusion.rbmcda.particles import Cycle, Draws, Estimate, Particles, run_cycle
 from services.fusion.rbmcda.present import carried_on
 from services.fusion.rbmcda.readings import Readings
@@ -44,7 +45,7 @@ class RbmcdaTracker:
         self.view = view
         self.settings = settings or RbmcdaSettings()
         self._around = Surroundings(view, self.settings)
-        self._obstacles = Obstacles.of_plan(view.plan) if self.settings.forces else None
+        self._learned = LearnedObstacles(view) if self.settings.forces else None
         self._generator = np.random.default_rng(seed)
         self._count: Counter[str] = Counter()
         self._next_id = 1
@@ -94,6 +95,9 @@ class RbmcdaTracker:
         t, seen, live = held
         before = self._done if math.isfinite(self._done) else t - self.cycle
         self._done = t
+        if self._learned is not None:
+            # Who is followed into the next cycle is no flicker of a detector.
+            self._learned.add(t, seen.places[np.isin(seen.link, now.link)])
         reading, noise = self._readings.of_cycle(self._told)
         born = self._births(reading, noise)
         motions = [self._walk(device).advance(before, t, self.settings) for device in self._devices]
@@ -134,6 +138,7 @@ class RbmcdaTracker:
                 "readings": self._readings.state(),
                 "links": self._links.state(),
                 "constants": self._constants.state(),
+                "learned": None if self._learned is None else self._learned.state(),
                 "ignored": dict(self._count),
             },
         )
@@ -159,6 +164,10 @@ class RbmcdaTracker:
             links.restore(parts["links"])
             constants = Constants(self._around.bias, self._around.shared)
             constants.restore(parts["constants"])
+            learned = None
+            if self._learned is not None:
+                learned = LearnedObstacles(self.view)
+                learned.restore(parts["learned"])
             generator = generator_of(parts["generator"])
             done, held = parts["done"], parts["held"]
             if held is not None:
@@ -171,7 +180,7 @@ class RbmcdaTracker:
             raise TrackerStateError(f"not a state of tracker {self.name!r}: {error}") from error
         self._particles, self._walks, self._readings, self._generator = particles, walks, readings, generator
         self._devices, self._ids, self._next_id, self._told = devices, ids, next_id, told
-        self._links, self._constants, self._held = links, constants, held
+        self._links, self._constants, self._held, self._learned = links, constants, held, learned
         self._done = -math.inf if done is None else done
         self._t, self._count = -math.inf if t is None else t, count
 
@@ -264,11 +273,10 @@ class RbmcdaTracker:
             density=max(len(seen.places), 1) / self._around.floor_seen(live),
             anew=anew,
         )
-        if self._obstacles is None or not count:
+        if self._learned is None or not count:
             return cycle
-        return replace(
-            cycle, push=partial(_push, shift=shift, dt=min(max(t - before, 0.0), self.cycle), obstacles=self._obstacles)
-        )
+        dt, obstacles = min(max(t - before, 0.0), self.cycle), self._learned.obstacles
+        return replace(cycle, push=partial(_push, shift=shift, dt=dt, obstacles=obstacles))
 
     def _frame(
         self, chunk: Chunk, estimate: Estimate | None, motions: Sequence[Displacement], seen: Sightings | None = None

@@ -43,6 +43,19 @@ def test_the_pillar_is_found_and_nothing_else(hall: OcclusionMap) -> None:
     assert found.difference(PILLAR.buffer(0.01)).area == pytest.approx(0.0)
 
 
+def test_the_middle_of_a_large_obstacle_is_blocked_too() -> None:
+    """Nobody passes close to it, so there is no traffic to compare with: it is blocked by what surrounds it."""
+    block = shapely.box(3.0, 3.0, 9.0, 9.0)
+    hall = OcclusionMap(np.zeros(2), np.array([12.0, 12.0]), OcclusionSettings(half_life=1e6))
+    x, y = np.meshgrid(np.arange(0.25, 12.0, 0.5), np.arange(0.25, 12.0, 0.5))
+    places = np.column_stack([x.ravel(), y.ravel()])
+    places = places[~shapely.contains_xy(block, places[:, 0], places[:, 1])]
+    for number in range(60):
+        hall.add(10.0 * number, places)
+    assert hall.blocked_cells()[cell_of(6.0, 6.0)]
+    assert hall.blocked().symmetric_difference(block).area == pytest.approx(0.0, abs=1e-9)
+
+
 def test_where_nobody_ever_was_is_not_blocked(hall: OcclusionMap) -> None:
     assert not hall.blocked_cells()[cell_of(9.0, 4.0)]
 
