@@ -73,7 +73,7 @@ class ApiService(Service[ApiSettings]):
         inbox.subscribe(self.keys.tracks(), TrackFrame, newest=True)
         inbox.subscribe(self.keys.revisions(), Revision)
         inbox.subscribe(self.keys.alert(), Alert, cached=True)
-        inbox.subscribe(self.keys.erasure(), Erasure)
+        inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
         inbox.subscribe(self.keys.camera_status(), CameraStatus, cached=True)
         app = create_app(
             self.settings,

@@ -127,8 +127,28 @@ class Chunker:
         self._hold(self._motions, motion, name, "motion")
 
     def add_erasure(self, erasure: Erasure, name: str) -> None:
-        """Take a withdrawal of consent; it leaves with the next chunk, whatever its time."""
+        """Take a withdrawal of consent; it leaves with the next chunk, whatever its time, and what waits does not."""
         self._erasures.append((erasure, name))
+        self._scans.drop(erasure.device)
+        self._motions.drop(erasure.device)
+
+    def close_for_erasures(self) -> Closed | None:
+        """Close the next chunk with the withdrawals that wait and nothing else: no camera's frame does it.
+
+        None where nobody waits, or where no chunk was closed yet: then nobody knows anybody either.
+        """
+        if not self._erasures or self._closed < 0:
+            return None
+        self._closed += 1
+        erasures, self._erasures = self._erasures, []
+        period = self.settings.period
+        chunk = Chunk(
+            index=self._closed,
+            t_start=self._closed * period,
+            t_end=(self._closed + 1) * period,
+            erasures=tuple(erasure for erasure, _ in erasures),
+        )
+        return Closed(chunk, tuple(name for _, name in erasures))
 
     def add_frame(self, frame: DetectionFrame, name: str) -> list[Closed]:
         """Take a camera's frame and return the chunks it closes, oldest first (usually none or one)."""
@@ -285,6 +305,9 @@ class _Waiting(Generic[P]):
 
     def pop_oldest(self) -> None:
         self._entries.popleft()
+
+    def drop(self, device: str) -> None:
+        self._entries = deque(entry for entry in self._entries if entry[0].device != device)
 
     def take(self) -> list[tuple[P, str]]:
         entries = list(self._entries)

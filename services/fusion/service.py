@@ -27,6 +27,7 @@ from services.fusion.two_places import TwoPlaces
 from services.fusion.watch import Watch
 from shared.bus import DROPPED as BUS_DROPPED
 from shared.bus import Bus, Delivery, Trace
+from shared.erased import Erased
 from shared.messages import ChunkMark, DetectionFrame, Erasure, Message, MotionBatch, RadioScan, Revision, TrackFrame
 from shared.radio import RadioModelError
 from shared.runner import Health, Service
@@ -57,6 +58,8 @@ class FusionService(Service[FusionSettings]):
     Settings = FusionSettings
     TURN: ClassVar[float] = 0.25
     """Seconds between two looks at clock and health while nothing arrives."""
+    QUIET: ClassVar[float] = 1.0
+    """Seconds without a frame after which a withdrawal of consent does not wait for one."""
 
     def __init__(self, settings: FusionSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
@@ -80,6 +83,8 @@ class FusionService(Service[FusionSettings]):
         self._known: Count[str] = Count()
         """What chunker and tracker counted so far, as far as it stands in ``_counted``."""
         self._chunk, self._people = -1, 0
+        self._erased = Erased()
+        self._frame_at = time.monotonic() - self.QUIET
         self._boundary = threading.Lock()
         """Held while a chunk is consumed, so that a state is always one of a chunk boundary."""
         folder = settings.state_folder
@@ -122,7 +127,8 @@ class FusionService(Service[FusionSettings]):
             self._inbox.subscribe(self.keys.detections(camera), DetectionFrame, newest=True)
         self._inbox.subscribe(self.keys.radio(), RadioScan)
         self._inbox.subscribe(self.keys.motion(), MotionBatch)
-        self._inbox.subscribe(self.keys.erasure(), Erasure)
+        # Cached: whoever withdrew consent while this process was down is in the state it restored.
+        self._inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
         if not self._cameras:
             self.health.degraded("cameras", f"area {self.area} has no camera: nobody is tracked or located there")
         self.health.ready.set()
@@ -163,6 +169,8 @@ class FusionService(Service[FusionSettings]):
         message, trace = delivery.message, delivery.trace
         if isinstance(message, RadioScan | MotionBatch):
             self._watch.phone_spoke(time.monotonic())
+            if message.device in self._erased:
+                return
             if message.late:
                 self._counted["phone's data marked late"] += 1
             elif isinstance(message, RadioScan):
@@ -174,12 +182,21 @@ class FusionService(Service[FusionSettings]):
             if message.camera not in self._cameras:
                 self._counted["camera of another area"] += 1
                 return
-            self._watch.camera_spoke(message.camera, time.monotonic())
+            self._frame_at = time.monotonic()
+            self._watch.camera_spoke(message.camera, self._frame_at)
             for closed in self.chunker.add_frame(message, trace.id):
                 self._consume(closed, trace)
         elif isinstance(message, Erasure):
-            self._two_places.forget(message.device)
-            self.chunker.add_erasure(message, trace.id)
+            self._erase(message, trace)
+
+    def _erase(self, erasure: Erasure, trace: Trace) -> None:
+        """Forget a device; what the tracker knows goes with the next chunk. Told again, nothing of it is left."""
+        if erasure.device in self._erased:
+            return
+        self._erased.add(erasure.device)
+        self._two_places.forget(erasure.device)
+        self._recent.clear()
+        self.chunker.add_erasure(erasure, trace.id)
 
     def _look_for_a_double(self, scan: RadioScan) -> None:
         """Count a device that is heard in two places; the tracker gets its scans all the same and is not sure."""
@@ -214,11 +231,21 @@ class FusionService(Service[FusionSettings]):
         FROM_DETECTION.observe(max(now - trace.sent, 0.0))
         FROM_CAPTURE.observe(max(now - trace.origin, 0.0))
         CHUNKS.inc()
+        if chunk.erasures:
+            self._state_file.save_soon()
         self._people = sum(state != "unseen" for state in frame.state)
         TRACKS.set(self._people)
 
+    def _forget_without_a_frame(self) -> None:
+        closed = self.chunker.close_for_erasures()
+        if closed is not None:
+            now = time.time()
+            self._consume(closed, Trace("", now, now))
+
     def _look_after(self) -> None:
         """Count what was not used, tell what is wrong, save the state when it is time."""
+        if time.monotonic() - self._frame_at >= self.QUIET:
+            self._forget_without_a_frame()
         known = Count(self.chunker.dropped)
         known.update(self.tracker.ignored())
         self._counted.update(known - self._known)

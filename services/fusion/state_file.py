@@ -33,6 +33,7 @@ class StateFile:
         self._health = health
         self._saved_at, self._saved_chunk = time.monotonic(), -1
         self._saving: threading.Thread | None = None
+        self._soon = False
 
     def read(self) -> bytes | None:
         """Return what was saved last; None where nothing was.
@@ -48,9 +49,13 @@ class StateFile:
         """Note that what was read is in use."""
         self._saved_chunk = chunk
 
+    def save_soon(self) -> None:
+        """Do not wait for the time: what was saved holds what must be gone."""
+        self._soon = True
+
     def save_if_due(self, chunk: int) -> None:
         """Save the state when it is time and anything happened, without waiting; not while it is still being saved."""
-        if time.monotonic() - self._saved_at >= self._every:
+        if self._soon or time.monotonic() - self._saved_at >= self._every:
             self._save(chunk)
 
     def save_last(self, chunk: int) -> None:
@@ -62,8 +67,10 @@ class StateFile:
             self._saving.join()
 
     def _save(self, chunk: int) -> None:
-        self._saved_at = time.monotonic()
-        if self._file is None or chunk == self._saved_chunk or (self._saving and self._saving.is_alive()):
+        if self._saving and self._saving.is_alive():
+            return
+        self._saved_at, self._soon = time.monotonic(), False
+        if self._file is None or chunk == self._saved_chunk:
             return
         taken, encode = self._snapshot()
         arguments = (self._file, taken, encode)

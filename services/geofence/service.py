@@ -75,7 +75,7 @@ class GeofenceService(Service[GeofenceSettings]):
     def run(self) -> None:
         """Test frames as they come until asked to stop."""
         self._inbox.subscribe(self.keys.tracks(), TrackFrame)
-        self._inbox.subscribe(self.keys.erasure(), Erasure)
+        self._inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
         if not self.site.zones:
             log.info("the site file names no zones: there is nothing to watch")
         for zone in self.site.zones:

@@ -31,6 +31,7 @@ from shared.keys import Keys
 from shared.messages import (
     ChunkMark,
     DetectionFrame,
+    Erasure,
     Message,
     MotionBatch,
     RadioScan,
@@ -327,6 +328,42 @@ def test_ids_and_names_survive_a_kill(zenoh_router: str, start: Start, tmp_path:
         after = stage.until_tracked(beyond=seen)
         assert after.chunk > before.chunk
         assert (after.track, after.device) == (before.track, ["phone"])
+
+
+def test_a_withdrawal_needs_no_camera_and_reaches_a_service_that_was_down(
+    zenoh_router: str, start: Start, tmp_path: Path
+) -> None:
+    state = tmp_path / "fusion-hall.json"
+    flags = ("--area", "hall", "--state-folder", str(tmp_path), "--state-every", "0.2")
+    process, _ = start(zenoh_router, *flags)
+    with Bus([zenoh_router]) as bus:
+        stage = Stage(bus)
+
+        def known() -> bool:
+            stage.play(1)
+            return state.is_file() and b'"phone"' in state.read_bytes()
+
+        wait_until(known, DEADLINE, "a state with the device")
+        saved = state.read_bytes()
+        process.kill()
+        process.wait()
+        erasure = Erasure(t=time.time(), device="phone")
+        trace = bus.publisher(KEYS.erasure("phone"), Erasure, cached=True).publish(erasure)
+        # Told while fusion was down; it comes back, and no camera speaks.
+        process, _ = start(zenoh_router, *flags)
+        wait_until(lambda: b'"phone"' not in state.read_bytes(), DEADLINE, "a state without the device")
+
+        def recorded() -> bool:
+            return any(isinstance(d.message, ChunkMark) and d.message.consumed == [trace.id] for d in stage.listen())
+
+        wait_until(recorded, DEADLINE, "its mark, for the replay")
+        process.kill()
+        process.wait()
+        state.write_bytes(saved)
+        start(zenoh_router, *flags[:-1], "3600")
+        wait_until(
+            lambda: b'"phone"' not in state.read_bytes(), DEADLINE, "a state saved at once, though its time is far"
+        )
 
 
 def named(stage: Stage) -> TrackFrame | None:

@@ -33,8 +33,7 @@ class RecentChunks:
         if not self._seconds:
             return
         if chunk.erasures or (self._kept and chunk.t_end < self._kept[-1][0]):
-            self._kept.clear()
-            self.bytes = 0
+            self.clear()
         if chunk.erasures:
             return
         packed = _encode(chunk)
@@ -42,6 +41,11 @@ class RecentChunks:
         self.bytes += len(packed)
         while self._kept and (self.bytes > self._most_bytes or self._kept[0][0] < chunk.t_end - self._seconds):
             self.bytes -= len(self._kept.popleft()[1])
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._kept.clear()
+        self.bytes = 0
 
     def copy(self) -> list[bytes]:
         """Return what is kept, oldest first; may be called from another thread than ``add``."""

@@ -76,7 +76,7 @@ class WalkerRow(Base):
 
 
 class ErasureRow(Base):
-    """A withdrawn device of which the bus has not been told yet."""
+    """A device withdrawn lately; each gateway process tells the bus of it once, for whoever was not there."""
 
     __tablename__ = "gateway_erasures"
 
