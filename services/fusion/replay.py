@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
+from services.fusion.area_view import AreaView
 from services.fusion.registry import DEFAULT_TRACKER, make_tracker
-from services.fusion.tracker import Chunk
+from services.fusion.tracker import Chunk, TrackerStateError
 from services.fusion.trained_view import trained_view
 from shared.messages import (
     ChunkMark,
@@ -23,7 +26,7 @@ from shared.messages import (
 )
 from shared.site import Site
 
-__all__ = ["StateAnswer", "chunk_of", "replay_steps", "replay_tracks"]
+__all__ = ["StateAnswer", "check_radio", "chunk_of", "radio_digest", "replay_steps", "replay_tracks"]
 
 
 class StateAnswer(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,7 +36,33 @@ class StateAnswer(msgspec.Struct, frozen=True, kw_only=True):
     """Number of that chunk; −1 before the first."""
     tracker: str
     seed: int = 0
+    radio: str = ""
+    """``radio_digest`` of the area's radio; empty where whoever answered did not tell."""
     state: Any
+
+
+def radio_digest(view: AreaView) -> str:
+    """Return what tells one radio model from another: access points, their places, constants and shadowing."""
+    radio, shadowing = view.radio, view.shadowing
+    arrays = [radio.positions, radio.power_1m, radio.exponent]
+    if shadowing is not None:
+        arrays += [shadowing.origin, np.array(shadowing.cell), shadowing.mean, shadowing.variance]
+    digest = hashlib.sha256(msgspec.json.encode(radio.names))
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array, float).tobytes())
+    return digest.hexdigest()
+
+
+def check_radio(answer: StateAnswer, view: AreaView) -> None:
+    """Refuse a state of another radio model: what the tracker learned of its errors would count twice.
+
+    Raises:
+        TrackerStateError: it is one.
+    """
+    if answer.radio and answer.radio != radio_digest(view):
+        raise TrackerStateError(
+            "a state of another radio model: the site file's access points or the trained model are others now"
+        )
 
 
 def chunk_of(mark: ChunkMark, inputs: Sequence[Message]) -> Chunk:
@@ -84,7 +113,7 @@ def replay_steps(
         radio_model: the trained model fusion had, if it had one.
 
     Raises:
-        TrackerStateError: the state does not fit the tracker or the site.
+        TrackerStateError: the state does not fit the tracker, the site or the radio model.
         KeyError: the area or the tracker is unknown.
         RadioModelError: the radio model cannot be used.
     """
@@ -92,8 +121,10 @@ def replay_steps(
     answer = None if state is None else msgspec.json.decode(state, type=StateAnswer)
     if answer is not None:
         tracker, seed, done = answer.tracker, answer.seed, answer.chunk
-    machine = make_tracker(tracker, trained_view(site, area, radio_model), seed)
+    view = trained_view(site, area, radio_model)
+    machine = make_tracker(tracker, view, seed)
     if answer is not None and done >= 0:
+        check_radio(answer, view)
         machine.restore(msgspec.json.encode(answer.state))
     for mark, inputs in chunks:
         # Only the lead is older than the state; later, numbers may fall again: somebody set the clock back.

@@ -16,7 +16,7 @@ from services.fusion.area_view import AreaView
 from services.fusion.chunks import Chunker, ChunkerSettings, Closed, period_of
 from services.fusion.positions.anonymous import MOST_CAMERAS
 from services.fusion.registry import TRACKERS, make_tracker
-from services.fusion.replay import StateAnswer
+from services.fusion.replay import StateAnswer, check_radio, radio_digest
 from services.fusion.rescore.desk import RescoreDesk
 from services.fusion.rescore.recent import RecentChunks
 from services.fusion.settings import FusionSettings
@@ -65,6 +65,7 @@ class FusionService(Service[FusionSettings]):
         super().__init__(settings, site, bus, health)
         self.area = _area_of(settings, site)
         self.view = _view_of(settings, site, self.area)
+        self._radio = radio_digest(self.view)
         self.tracker = make_tracker(settings.tracker, self.view, settings.tracker_seed)
         self._recent = RecentChunks(60.0 * settings.rescore_minutes, settings.rescore_megabytes * 2**20)
         self._desk = RescoreDesk(
@@ -160,7 +161,9 @@ class FusionService(Service[FusionSettings]):
             state = msgspec.Raw(encode())
             settings = self.settings
             return msgspec.json.encode(
-                StateAnswer(chunk=chunk, tracker=settings.tracker, seed=settings.tracker_seed, state=state)
+                StateAnswer(
+                    chunk=chunk, tracker=settings.tracker, seed=settings.tracker_seed, radio=self._radio, state=state
+                )
             )
 
         return chunk, answer
@@ -196,13 +199,14 @@ class FusionService(Service[FusionSettings]):
         self._erased.add(erasure.device)
         self._two_places.forget(erasure.device)
         self._recent.clear()
+        self._desk.forget()
         self.chunker.add_erasure(erasure, trace.id)
 
     def _look_for_a_double(self, scan: RadioScan) -> None:
         """Count a device that is heard in two places; the tracker gets its scans all the same and is not sure."""
         if self._two_places.contradicts(scan):
             self._counted["phone in two places at once"] += 1
-            log.warning("a device is heard in two places at once", device=scan.device)
+            log.warning("a device is heard in two places at once")
 
     def _consume(self, closed: Closed, trace: Trace) -> None:
         """Step the tracker; tell first what it consumed, then what came of it."""
@@ -267,6 +271,7 @@ class FusionService(Service[FusionSettings]):
             saved = msgspec.json.decode(saved_bytes, type=StateAnswer)
             if saved.tracker != self.settings.tracker:
                 raise TrackerStateError(f"a state of tracker {saved.tracker!r}, expected {self.settings.tracker!r}")
+            check_radio(saved, self.view)
             self.tracker.restore(msgspec.json.encode(saved.state))
         except (OSError, msgspec.DecodeError, TrackerStateError) as error:
             log.warning("starting without the saved state", reason=str(error))

@@ -42,6 +42,7 @@ class RescoreDesk:
         self._free = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._closed = False
+        self._erasures = 0
 
     def take(self, question: Question) -> None:
         """Answer a question, soon or when its trial is over; returns at once."""
@@ -51,7 +52,7 @@ class RescoreDesk:
         except CandidateError as error:
             question.answer(_refusal(str(error)))
             return
-        chunks = self._recent.copy()
+        erasures, chunks = self._erasures, self._recent.copy()
         if not chunks:
             question.answer(_refusal(too_few(0)))
             return
@@ -60,7 +61,7 @@ class RescoreDesk:
             return
         asked = None if isinstance(candidate, NoCandidate) else view
         job = Job(chunks, self._tracker, self._seed, self._view, asked, scale)
-        threading.Thread(target=self._try, args=(job, question), name="rescore", daemon=True).start()
+        threading.Thread(target=self._try, args=(job, question, erasures), name="rescore", daemon=True).start()
 
     def close(self) -> None:
         """End what is being tried: the service stops."""
@@ -68,9 +69,17 @@ class RescoreDesk:
         if self._process is not None and self._process.poll() is None:
             self._process.kill()
 
-    def _try(self, job: Job, question: Question) -> None:
+    def forget(self) -> None:
+        """End what is being tried: somebody in it withdrew consent."""
+        self._erasures += 1
+        if self._process is not None and self._process.poll() is None:
+            self._process.kill()
+
+    def _try(self, job: Job, question: Question, erasures: int) -> None:
         try:
-            question.answer(self._run(job))
+            told = self._run(job)
+            withdrawn = erasures != self._erasures
+            question.answer(_refusal("somebody withdrew consent meanwhile; ask again later") if withdrawn else told)
         finally:
             self._free.release()
 

@@ -1,17 +1,21 @@
 """Replaying recorded chunks gives the bytes that were published."""
 
+import dataclasses
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from fusion_world import World, make_site
 
 from services.fusion.area_view import AreaView
 from services.fusion.evidence.tracker import AnonymousTracker
 from services.fusion.registry import TRACKERS, make_tracker
-from services.fusion.replay import StateAnswer, chunk_of, replay_steps, replay_tracks
+from services.fusion.replay import StateAnswer, chunk_of, radio_digest, replay_steps, replay_tracks
 from services.fusion.tracker import Chunk, TrackerStateError
+from services.fusion.trained_view import trained_view
 from shared.messages import ChunkMark, Message, Revision, encode
+from shared.radio import RadioModel, ShadowingMap, write_radio_model
 from shared.site import Site
 
 
@@ -78,3 +82,30 @@ def test_revisions_are_computed_anew_as_well(site: Site, monkeypatch: pytest.Mon
     steps = list(replay_steps(recorded(chunks), site, "hall", tracker="reviser"))
     assert [frame.chunk for frame, _ in steps] == [one.index for one in chunks]
     assert sum(revision is not None for _, revision in steps) > 10
+
+
+def test_a_state_of_another_radio_model_is_an_error_in_words(site: Site, tmp_path: Path) -> None:
+    view = AreaView.of(site, "hall")
+    state = StateAnswer(
+        chunk=5,
+        tracker="evidence",
+        radio=radio_digest(view),
+        state=msgspec.Raw(make_tracker("evidence", view).state()),
+    )
+    assert list(replay_tracks([], site, "hall", msgspec.json.encode(state))) == []
+    grid = np.zeros((len(view.radio.names), 2, 2))
+    shadowing = ShadowingMap(view.radio.names, np.zeros(2), 1.0, grid, grid + 9.0)
+    moved = dataclasses.replace(view.radio, positions=view.radio.positions + 1.0)
+    file = tmp_path / "radio.json"
+    write_radio_model(RadioModel(site.site, moved, shadowing), file)
+    with pytest.raises(TrackerStateError, match="another radio model"):
+        list(replay_steps([], site, "hall", msgspec.json.encode(state), radio_model=file))
+    # Where the access points stand is for the site file to say, whatever the trained model was made with.
+    assert trained_view(site, "hall", file).radio.positions.tolist() == view.radio.positions.tolist()
+    others = [
+        dataclasses.replace(view.radio, power_1m=view.radio.power_1m - 8.0),
+        dataclasses.replace(view.radio, exponent=view.radio.exponent + 0.1),
+        moved,
+    ]
+    digests = {radio_digest(dataclasses.replace(view, radio=other)) for other in (view.radio, *others)}
+    assert len(digests | {radio_digest(dataclasses.replace(view, shadowing=shadowing))}) == 5

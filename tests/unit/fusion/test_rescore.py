@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from concurrent.futures import Future
 
 import msgspec
 import numpy as np
@@ -11,7 +12,9 @@ from fusion_world import World, make_site
 from services.fusion.area_view import AreaView
 from services.fusion.evidence.identity_settings import NOISE
 from services.fusion.rescore.candidate import CandidateError, apply, read_candidate
+from services.fusion.rescore.desk import RescoreDesk
 from services.fusion.rescore.quality import (
+    LIMIT,
     NAME_ERROR,
     block_log_likelihood,
     null_of,
@@ -211,3 +214,29 @@ def test_a_wrong_candidate_is_one_clear_message(view: AreaView, question: bytes,
     with pytest.raises(CandidateError) as caught:
         apply(read_candidate(question), view)
     assert words in str(caught.value)
+
+
+def test_no_stretch_of_steps_says_more_than_the_limit() -> None:
+    wild = score_walks(np.array([1.0, 90.0]), np.full(2, 1e-4), np.ones(2), np.array([30.0, 1.0]))
+    assert wild.gain == pytest.approx(0.0, abs=2.0 * LIMIT)
+    assert abs(score_walks(np.array([90.0]), np.array([1e-4]), np.ones(1), np.ones(1)).gain) == LIMIT
+
+
+def test_a_trial_that_runs_while_somebody_withdraws_is_not_told(view: AreaView, chunks: list[Chunk]) -> None:
+    class Asked:
+        payload = b""
+
+        def __init__(self) -> None:
+            self.told: Future[bytes] = Future()
+
+        def answer(self, payload: bytes) -> None:
+            self.told.set_result(payload)
+
+    recent = RecentChunks(1e9, 10**9)
+    for one in chunks:
+        recent.add(one)
+    desk, asked = RescoreDesk(view, "evidence", 0, recent, 60.0), Asked()
+    desk.take(asked)  # type: ignore[arg-type]
+    desk.forget()
+    assert b"withdrew consent" in asked.told.result(timeout=60.0)
+    desk.close()

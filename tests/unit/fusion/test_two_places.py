@@ -50,3 +50,13 @@ def test_nonsense_is_left_alone() -> None:
     for level in (1e308, -1e308, 5.0):
         strange = RadioScan(t=1e300, device="d", seq=0, access_point=["ap-00", "ap-01", "x"], rssi=[level] * 3)
         assert not watch.contradicts(strange)
+
+
+def test_a_forgotten_device_is_new() -> None:
+    rng, watch = np.random.default_rng(1), TwoPlaces(RADIO)
+    for t in range(2, 200, 2):
+        watch.contradicts(scan(t, (5.0, 5.0), rng))
+        watch.contradicts(scan(t + 1.0, (45.0, 15.0), rng))
+        watch.forget("phone")
+        assert not watch.contradicts(scan(t + 2.0, (5.0, 5.0), rng))
+        watch.forget("phone")
