@@ -237,6 +237,8 @@ class FusionService(Service[FusionSettings]):
         CHUNKS.inc()
         if chunk.erasures:
             self._state_file.save_soon()
+        if any(frame.device):
+            self._watch.phone_known(time.monotonic())
         self._people = sum(state != "unseen" for state in frame.state)
         TRACKS.set(self._people)
 

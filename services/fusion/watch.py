@@ -49,6 +49,11 @@ class Watch:
         """Note radio or motion of any device."""
         self._last_phone = now
 
+    def phone_known(self, now: float) -> None:
+        """Note that somebody bears a phone's name: after a restart, phones did speak before this process began."""
+        if self._last_phone is None:
+            self._last_phone = now
+
     def look(self, counted: Mapping[str, int], complaints: Sequence[str], people: int, now: float) -> None:
         """Tell what is wrong now.
 

@@ -88,3 +88,13 @@ def test_every_reason_fusion_counts_has_its_explanation(project: Path) -> None:
         counted |= set(re.findall(r'(?:ignored|dropped|_counted)\["([^"{]+)"\] \+=', file.read_text()))
     assert len(counted) > 5
     assert counted - EXPLANATIONS.keys() == set()
+
+
+def test_after_a_restart_a_name_stands_for_a_phone_that_spoke_before() -> None:
+    watch, health = watching()
+    for now in range(0, 70, 10):  # names out of the restored state: they do not stand for a phone that speaks now
+        watch.phone_known(float(now))
+    watch.look({}, [], 5, 59.0)
+    assert health.problems() == {}
+    watch.look({}, [], 5, 61.0)
+    assert "is the gateway running" in health.problems()["phones"]
