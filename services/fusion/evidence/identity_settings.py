@@ -78,8 +78,8 @@ class IdentitySettings:
     """Seconds for which the path of a track that ended is remembered."""
     longest_chain: int = 16
     """Former tracks remembered of one person."""
-    at_once: int = 12
-    """Scans, and batches of motion, taken in one step; more wait for the next ones. At 15 steps a second that is 180
-    phones that tell of themselves each second without any delay that grows."""
+    at_once: int = 64
+    """Scans, and batches of motion, taken in one step; more wait for the next ones. Not fewer: even a step's delay
+    costs names (twelve took four points of the phones located on a real clip)."""
     waiting: int = 5_000
     """Scans held until the cameras have reached their time, or until there is time for them."""
