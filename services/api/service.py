@@ -151,6 +151,7 @@ class ApiService(Service[ApiSettings]):
                     self._hub.send("revision", message.area, message.area, revision_event(told_anew))
             elif isinstance(message, Erasure):
                 self._live.erase(message.device)
+                self._hub.drop("revision")
             elif isinstance(message, CameraStatus):
                 now = time.time()
                 if self._live.take_status(message, now):

@@ -92,6 +92,10 @@ class Reader:
             self._newest[event, subject] = payload
         self._changed.set()
 
+    def drop(self, event: str) -> None:
+        """Drop what waits of one kind of queued event."""
+        self._waiting[event].clear()
+
     def close(self) -> None:
         """End the stream after what is being sent."""
         self._closed = True
@@ -167,6 +171,11 @@ class Hub:
         """Hand one event to every reader."""
         for reader in self._readers:
             reader.offer(event, subject, area, payload)
+
+    def drop(self, event: str) -> None:
+        """Drop what of one kind of queued event waits for readers: somebody in it withdrew consent."""
+        for reader in self._readers:
+            reader.drop(event)
 
     def close(self) -> None:
         """End all streams: the process is stopping."""

@@ -122,3 +122,18 @@ def test_readers_have_a_bound_and_closing_ends_them() -> None:
         assert hub.full
 
     asyncio.run(scenario())
+
+
+def test_revisions_that_wait_are_dropped_when_somebody_withdraws_consent() -> None:
+    async def scenario() -> list[str]:
+        hub = Hub(rate=10.0, keep_alive=5.0, most=2)
+        reader = hub.join(frozenset({"revision", "alert"}), None)
+        revision = Revision(t=9.0, area="hall", chunk=1, tracker="x", device=["gone"], since=[4.0])
+        hub.send("revision", "hall", "hall", revision_event(revision))
+        hub.send("alert", "entrance", "hall", alert_event(alert(1)))
+        hub.drop("revision")
+        return await collected(reader)
+
+    (told,) = asyncio.run(scenario())
+    assert "alert" in told
+    assert "gone" not in told
