@@ -128,7 +128,10 @@ class Stage:
                 rssi = self._radio_model.rssi(np.array(place))[0].tolist()
                 scan = RadioScan(t=t, device="phone", seq=number, access_point=POINTS, rssi=rssi)
                 self._note(self._radio.publish(scan), scan)
-                batch = MotionBatch(t=t, t_start=t - 1.0, device="phone", seq=number, activity="still")
+                batch = MotionBatch(
+                    t=t, t_start=t - 1.0, device="phone", seq=number, activity="walking", step_t=[t], length=[0.5],
+                    length_variance=[0.01], heading=[0.0], heading_variance=[0.05],
+                )  # fmt: skip
                 self._note(self._motion.publish(batch), batch)
             for name, publisher in (("west", self._west), ("east", self._east)):
                 seen = frame(t, place, name, number)
