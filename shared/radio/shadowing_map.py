@@ -21,7 +21,7 @@ class ShadowingMap:
         origin: (2,) the centre of the first cell, metres.
         cell: side of a cell, metres.
         mean: (m, rows, columns) heard minus expected, dB.
-        variance: (m, rows, columns) of what shadowing remains unknown, dB².
+        variance: (m, rows, columns) of what remains unknown there, of the path-loss constants too, dB².
     """
 
     names: tuple[str, ...]

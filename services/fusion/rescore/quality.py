@@ -108,7 +108,9 @@ def score_scans(
             mean, unknown = shadowing.at(spots)
             expected = expected + mean[np.arange(len(rows)), columns]
             variance = unknown[np.arange(len(rows)), columns]
-        gain += block_log_likelihood(level[rows] - expected, spots, columns, variance, noise)
+        gain += block_log_likelihood(
+            level[rows] - expected, spots, columns, variance, noise, noise.access_point**2 if shadowing is None else 0.0
+        )
         gain -= null_log_likelihood(level[rows], t[rows], columns, null, noise)
     return Score(len(level), len(known), gain)
 
@@ -135,17 +137,23 @@ def score_walks(length: Array, variance: Array, duration: Array, moved: Array) -
 
 
 def block_log_likelihood(
-    residual: Array, places: Array, access_point: Integers, shadowing: Array, noise: RadioNoise
+    residual: Array,
+    places: Array,
+    access_point: Integers,
+    shadowing: Array,
+    noise: RadioNoise,
+    constant: float,
 ) -> float:
     """Return log N(residual; 0, C) of one device's readings, as ``shared.radio.log_likelihood`` has it.
 
-    Unlike there, the variance of shadowing differs from reading to reading: ``shadowing`` is (n,), dB².
+    Unlike there, the variance of shadowing differs from reading to reading: ``shadowing`` is (n,), dB²; and
+    ``constant``, dB², is what an access point's constants may be off: nothing where a map's variance holds it already.
     """
     apart = np.linalg.norm(places[:, None] - places[None], axis=2)
     same = access_point[:, None] == access_point[None]
     sigma = np.sqrt(shadowing)
     shared = np.outer(sigma, sigma) * np.exp(-apart / noise.shadowing_range)
-    covariance = noise.device**2 + same * (noise.access_point**2 + shared)
+    covariance = noise.device**2 + same * (constant + shared)
     covariance = covariance + (noise.white**2 + NAME_ERROR) * np.eye(len(residual))
     return _gaussian(residual, covariance)
 

@@ -69,12 +69,19 @@ def with_radio(model: RadioCandidate, view: AreaView) -> AreaView:
         if point.path_loss_exponent is not None:
             exponent[index] = _within(f"{where}.path_loss_exponent", point.path_loss_exponent, EXPONENT)
     radio = PathLoss(known, view.radio.positions, power, exponent)
-    shadowing = view.shadowing if model.shadowing is None else _map(model.shadowing, known, view.floor)
+    if model.shadowing is None and view.shadowing is not None and model.access_points:
+        name = next(iter(model.access_points))
+        raise CandidateError(
+            f"shadowing: missing; allowed: a map that goes with the constants of {name}, for the active map corrects "
+            "the active constants"
+        )
+    shadowing = view.shadowing if model.shadowing is None else _map(model.shadowing, view)
     return dataclasses.replace(view, radio=radio, shadowing=shadowing)
 
 
-def _map(stored: _Shadowing, known: tuple[str, ...], floor: str) -> ShadowingMap:
-    """Return the map, its access points in the order of ``known``; of one it does not name nothing was learned."""
+def _map(stored: _Shadowing, view: AreaView) -> ShadowingMap:
+    """Return the map, its access points in the order of ``view``; of one it does not name the active map stands."""
+    known, floor = view.radio.names, view.floor
     _within("shadowing.cell", stored.cell, CELL)
     if len(set(stored.names)) != len(stored.names):
         raise CandidateError(f"shadowing.names: found {stored.names!r}; allowed: each once")
@@ -92,6 +99,10 @@ def _map(stored: _Shadowing, known: tuple[str, ...], floor: str) -> ShadowingMap
         raise CandidateError(f"shadowing.variance: found {variance.min():g} dB²; allowed: 0 or more")
     shape = (len(known), *mean.shape[1:])
     ordered_mean, ordered_variance = np.zeros(shape), np.full(shape, RadioNoise().shadowing ** 2)
+    if view.shadowing is not None:
+        y, x = np.divmod(np.arange(shape[1] * shape[2]), shape[2])
+        active = view.shadowing.at(np.array(stored.origin) + stored.cell * np.column_stack([x, y]))
+        ordered_mean, ordered_variance = (grid.T.reshape(shape).copy() for grid in active)
     rows = [known.index(name) for name in stored.names]
     ordered_mean[rows], ordered_variance[rows] = mean, variance
     return ShadowingMap(known, np.array(stored.origin), stored.cell, ordered_mean, ordered_variance)

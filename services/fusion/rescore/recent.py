@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+import zlib
 from collections import deque
 
 import msgspec
+from msgspec.structs import replace
 
 from services.fusion.tracker import Chunk
 
@@ -36,7 +39,7 @@ class RecentChunks:
             self.clear()
         if chunk.erasures:
             return
-        packed = _encode(chunk)
+        packed = zlib.compress(_encode(_without_boxes(chunk)), 1)
         self._kept.append((chunk.t_end, packed))
         self.bytes += len(packed)
         while self._kept and (self.bytes > self._most_bytes or self._kept[0][0] < chunk.t_end - self._seconds):
@@ -55,4 +58,10 @@ class RecentChunks:
 
 def decode_chunk(packed: bytes) -> Chunk:
     """Return a chunk that ``RecentChunks`` kept."""
-    return _decoder.decode(packed)
+    return _decoder.decode(zlib.decompress(packed))
+
+
+def _without_boxes(chunk: Chunk) -> Chunk:
+    """Return the chunk with empty boxes: trackers work on the floor, and boxes are half of what a frame weighs."""
+    frames = (replace(frame, box=[(0.0, 0.0, 0.0, 0.0)] * len(frame.x)) for frame in chunk.frames)
+    return dataclasses.replace(chunk, frames=tuple(frames))

@@ -1,5 +1,6 @@
 """A radio candidate changes what it names and nothing else, or one message says why not."""
 
+import dataclasses
 import json
 from typing import Any
 
@@ -9,6 +10,7 @@ from fusion_world import make_view
 
 from services.fusion.area_view import AreaView
 from services.fusion.rescore.candidate import CandidateError, apply, read_candidate
+from shared.radio import ShadowingMap
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +39,19 @@ def test_what_is_named_is_corrected_and_all_else_stays(view: AreaView) -> None:
     assert mean.tolist() == [[2, 0, 2, 0, 0, 0]]
     assert variance[0, 1] > variance[0, 0] == 2.0  # of an access point the map does not name nothing was learned
     assert view.shadowing is None
+
+
+def test_what_a_map_does_not_name_keeps_the_active_one(view: AreaView) -> None:
+    names = view.radio.names
+    active = ShadowingMap(names, np.zeros(2), 2.0, np.full((len(names), 3, 3), 7.0), np.full((len(names), 3, 3), 1.0))
+    known = dataclasses.replace(view, shadowing=active)
+    changed = changed_by({"shadowing": shadowing(names=["ap-1"], mean=[[[3.0]]], variance=[[[2.0]]])}, known).shadowing
+    assert changed is not None
+    mean, variance = changed.at(np.array([[1.5, 2.0]]))
+    assert mean.tolist() == [[3, 7, 7, 7, 7, 7]]
+    assert variance.tolist() == [[2, 1, 1, 1, 1, 1]]
+    with pytest.raises(CandidateError, match="a map that goes with the constants of ap-2"):
+        changed_by({"access_points": {"ap-2": {"power_1m": -47.5}}}, known)
 
 
 @pytest.mark.parametrize(
