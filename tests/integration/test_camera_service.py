@@ -168,6 +168,7 @@ def test_nothing_is_played_before_somebody_subscribes_when_asked_to_wait(
     watcher.until(lambda: len(watcher.frames) == COUNT, "all frames")
 
 
+@pytest.mark.alone  # likewise
 def test_a_camera_that_learns_its_background_says_so_and_a_new_pass_learns_it_anew(
     watcher: Watcher, site_file: Callable[..., Path], tmp_path: Path
 ) -> None:
