@@ -94,7 +94,7 @@ class TruthRows:
 def score_tracks(
     truth: FramesOfTruth, tracks: Mapping[int, TrackFrame], first: int, last: int, gate: float = GATE
 ) -> TrackingScore:
-    """Compare tracks with the truth.
+    """Compare tracks with the truth. Devices that no camera sees are followed by their radio and are no tracks here.
 
     Args:
         truth: the people really in view.
@@ -113,10 +113,11 @@ def score_tracks(
         rows = order[begins[number - first] : begins[number - first + 1]]
         rows = rows[truth.in_view[rows]]
         frame = tracks.get(number)
-        places = np.zeros((0, 2)) if frame is None else positions(frame)
+        seen = np.array([] if frame is None else [state != "unseen" for state in frame.state], np.bool_)
+        places = np.zeros((0, 2)) if frame is None else positions(frame)[seen]
         apart = np.linalg.norm(truth.position[rows][:, None] - places[None], axis=2)
         people.append(truth.person[rows])
-        found.append(np.array([] if frame is None else frame.track, np.int64))
+        found.append(np.array([] if frame is None else frame.track, np.int64)[seen])
         distances.append(apart)
         accumulator.update(people[-1], found[-1], np.where(apart <= gate, apart**2, np.nan))
     names = ["mota", "motp", "idf1", "num_switches", "precision", "recall", "num_fragmentations"]
