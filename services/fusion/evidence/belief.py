@@ -38,7 +38,8 @@ class Flow:
     """How probability flows between tracks and floor; rates are per second."""
 
     stranger_density: float = 0.01
-    """People per m² without any of the known phones who are unseen and may be born as a track."""
+    """People per m² without any of the known phones who are unseen and may be born as a track; on a wide floor not
+    more in all than there are tracks."""
     far: float = 0.05
     """Probability that a new device is far away, and rates of going and coming."""
     far_rate: float = 0.002
@@ -108,7 +109,7 @@ class Beliefs:
         """Know nothing of a device."""
         open_cells = self.grid.open
         unseen = np.where(self.grid.viewed, 0.3, np.where(self.grid.outside, 0.3, 1.0)) * open_cells
-        people = self.flow.stranger_density * self.grid.cell**2 * unseen.sum() + len(alive)
+        people = self.strangers(len(alive)) * self.grid.cell**2 * unseen.sum() + len(alive)
         self.share[row] = 0.0
         self.share[row, alive] = (1.0 - self.flow.far) / max(people, 1.0)
         self.far[row] = self.flow.far
@@ -117,6 +118,11 @@ class Beliefs:
         self.rest[row], self.spread[row] = 0.0, 0.0
         self.lineage[row] = UNSEEN
         self.normalise(row)
+
+    def strangers(self, tracks: int) -> float:
+        """Return how many unseen people without a known phone there are per m² while cameras follow ``tracks``."""
+        area = float((self.grid.open & ~self.grid.outside).sum()) * self.grid.cell**2
+        return min(self.flow.stranger_density, (tracks + 1.0) / max(area, 1.0))
 
     def normalise(self, row: int) -> None:
         """Let a device's probabilities sum to one."""
@@ -158,14 +164,14 @@ class Beliefs:
         self.far[row] += 0.2 * max(before - float(self.floor[row].sum()), 0.0)
         self.normalise(row)
 
-    def begin(self, column: int, place: Array, rows: Integers) -> None:
-        """A track was born: it may be any unseen device that can be there."""
+    def begin(self, column: int, place: Array, rows: Integers, tracks: int) -> None:
+        """A track was born beside ``tracks`` others: it may be any unseen device that can be there."""
         kernel = self.grid.kernel(place, self.flow.born_sigma)
         self.share[:, column] = 0.0
         if not len(rows):
             return
         density = self.floor[rows].reshape(len(rows), -1) @ kernel
-        chance = density / (density + self.flow.stranger_density)
+        chance = density / (density + self.strangers(tracks))
         self.share[rows] *= (1.0 - chance)[:, None]
         self.floor[rows] *= (1.0 - chance)[:, None, None]
         self.far[rows] *= 1.0 - chance

@@ -98,7 +98,7 @@ class Devices:
         for column in began.tolist():
             self.probability[:, column] = 0.0
             self.walk_filters.reset_track(column)
-            self.beliefs.begin(column, self.columns.place[column], rows)
+            self.beliefs.begin(column, self.columns.place[column], rows, len(self.columns.alive))
             parents = self.given[rows]
             held = parents >= 0
             self.walk_filters.inherit(rows[held], column, parents[held])

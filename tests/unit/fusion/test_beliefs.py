@@ -38,7 +38,7 @@ def mean(made: Beliefs) -> NDArray[np.float64]:
 
 def on_a_track(grid: FloorGrid, place: NDArray[np.float64]) -> Beliefs:
     made = beliefs(grid)
-    made.begin(0, place, ROW)
+    made.begin(0, place, ROW, 3)
     made.favour(0, np.array([0]), np.array([12.0]))
     made.remember(100, np.array([7, 0, 0]))
     return made
@@ -54,8 +54,8 @@ def test_a_lost_track_is_carried_on_by_steps_and_taken_up_where_they_lead(grid: 
     there = lost + 5 * np.array([0.9, 0.3])
     assert mean(made) == pytest.approx(there, abs=0.3)
     made.remember(110, np.array([7, 0, 0]))
-    made.begin(1, there, ROW)
-    made.begin(2, lost, ROW)
+    made.begin(1, there, ROW, 3)
+    made.begin(2, lost, ROW, 3)
     assert made.share[0, 1] > 0.6
     assert made.share[0, 2] < 0.05
     assert made.lineage[0, 1, 100 % SLOTS] == 7
@@ -65,7 +65,7 @@ def test_a_lost_track_is_carried_on_by_steps_and_taken_up_where_they_lead(grid: 
 
 def test_a_stranger_born_far_from_a_device_gets_next_to_nothing(grid: FloorGrid) -> None:
     made = on_a_track(grid, np.array([8.0, 6.0]))
-    made.begin(1, np.array([18.0, 10.0]), ROW)
+    made.begin(1, np.array([18.0, 10.0]), ROW, 3)
     assert made.share[0, 1] < 1e-3
     assert made.share[0, 0] > 0.98
 
@@ -73,7 +73,7 @@ def test_a_stranger_born_far_from_a_device_gets_next_to_nothing(grid: FloorGrid)
 def test_tracks_that_meet_may_exchange_persons_and_remember_whose_they_were(grid: FloorGrid) -> None:
     place = np.array([8.0, 6.0])
     made = on_a_track(grid, place)
-    made.begin(1, place + 0.3, ROW)
+    made.begin(1, place + 0.3, ROW, 3)
     still = np.zeros(2, np.bool_)
     for slot in range(101, 106):
         made.remember(slot, np.array([7, 9, 0]))
@@ -119,3 +119,10 @@ def test_a_grid_covers_floor_and_margin(tmp_path: Path) -> None:
     assert made.cells_at(corners + 99.0).max() == made.shape[0] * made.shape[1] - 1
     assert made.kernel(np.array([12.0, 7.0]), 0.7).sum() * made.cell**2 == pytest.approx(1.0, abs=0.01)
     assert made.viewed.sum() < made.open.sum()
+
+
+def test_a_wide_floor_hides_no_more_strangers_than_cameras_follow(grid: FloorGrid) -> None:
+    sparse, dense = Beliefs(grid, Flow(stranger_density=1e-4)), Beliefs(grid, Flow(stranger_density=1.0))
+    area = float((grid.open & ~grid.outside).sum()) * grid.cell**2
+    assert sparse.strangers(5) == 1e-4
+    assert dense.strangers(5) * area == pytest.approx(6.0)
