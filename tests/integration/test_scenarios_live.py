@@ -99,7 +99,7 @@ def test_a_scenario_with_faults_runs_through_the_whole_system(zenoh_router: str,
                     heard[type(delivery.message)].append(delivery)
                 carried = {device for d in heard[GroundTruth] for device in d.message.device if device}
                 recognised = {device for d in heard[TrackFrame] for device in d.message.device if device}
-                return carried & recognised if time.time() > began + 12.0 else set()
+                return carried & recognised if time.time() > began + 18.0 else set()  # all faults are over
 
             wait_until(named, 35, "somebody whose phone is recognised")
             metrics = httpx.get(health + "/metrics").text
