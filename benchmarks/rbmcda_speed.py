@@ -85,8 +85,8 @@ def oracle_seconds(crowding: Crowding, seed: int = 0) -> float:
     oracle = _oracle()
     particles = [
         [
-            oracle.Target(before.mean[:, n, x], before.covariance[:, :, n, x], 1.0 / LOOPED)
-            for x in range(crowding.devices)
+            oracle.Target(before.mean[:, state].copy(), before.covariance[:, :, state].copy(), 1.0 / LOOPED)
+            for state in before.state[n].tolist()
         ]
         for n in range(LOOPED)
     ]

@@ -13,94 +13,123 @@ would have gone, not with clutter. What is left as evidence is whether it moves 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Composites", "composites_of", "draw_assignment"]
+__all__ = ["Composites", "composites_of", "draw_assignment", "linked_to"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+BLOCK = 16384
+"""Pairs of a state and a sighting worked on at a time: few enough to stay in the processor's cache."""
+OUTLYING = 3.0
+"""Times as far as the median state reaches: such a state makes no composites for the others of its device."""
+
 
 @dataclass(frozen=True)
 class Composites:
-    """The l pairs of a device and a sighting that are near enough in some particle, sorted by device.
+    """The l sightings of which one device's u states make composites.
 
     Attributes:
-        sighting: (l,) which.
-        start: (X + 1,) where each device's pairs begin.
-        likelihood: (N, l) of the sighting, given the device and its scan, 1/m².
+        sighting: (l,) which, ascending.
+        likelihood: (l, u) of each, given the state after the scan, 1/m².
     """
 
     sighting: Indices
-    start: Indices
     likelihood: Array
 
 
-def composites_of(mean: Array, covariance: Array, places: Array, noise: Array, gate: float) -> Composites:
-    """Form the composites.
+def composites_of(
+    mean: Array, covariance: Array, start: Indices, places: Array, noise: Array, gate: float
+) -> list[Composites]:
+    """Form the composites of every device.
 
     Args:
-        mean: (2, N, X) positions.
-        covariance: (2, 2, N, X).
+        mean: (2, u) positions, by device.
+        covariance: (2, 2, u).
+        start: (X + 1,) where each device's states begin.
         places: (d, 2) sightings.
         noise: (d, 2, 2).
         gate: standard deviations.
     """
-    widest = np.sqrt(noise[:, [0, 1], [0, 1]].max(axis=0, initial=0.0))
-    reach = gate * (np.sqrt(np.stack([covariance[0, 0], covariance[1, 1]])) + widest[:, None, None])
-    # A few particles in which a device may be anywhere must not make composites of everything in all others.
-    wide = reach.max(axis=0) > 3.0 * np.median(reach.max(axis=0), axis=0, keepdims=True) if len(places) else None
-    near = _within(places, mean, reach)
-    tight = near if wide is None else _within(places, mean, np.where(wide, -np.inf, reach))
-    device, sighting = np.nonzero(near)
-    likelihood = np.zeros((mean.shape[1], len(device)))
-    close = np.flatnonzero(tight[device, sighting])
-    likelihood[:, close] = _densities(
-        mean[:, :, device[close]], covariance[:, :, :, device[close]], places[sighting[close]], noise[sighting[close]]
-    )
-    if wide is not None:
-        far = np.flatnonzero(~tight[device, sighting])
-        row, column = np.nonzero(wide[:, device[far]])
-        pair = far[column]
-        likelihood[row, pair] = _densities(
-            mean[:, row, device[pair]],
-            covariance[:, :, row, device[pair]],
-            places[sighting[pair]],
-            noise[sighting[pair]],
+    if not len(places):
+        return [Composites(np.zeros(0, np.int64), np.zeros((0, count))) for count in np.diff(start).tolist()]
+    widest = np.sqrt(noise[:, [0, 1], [0, 1]].max(axis=0))
+    reach = gate * (np.sqrt(covariance[[0, 1], [0, 1]]) + widest[:, None])
+    low, high = mean - reach, mean + reach
+    farthest = reach.max(axis=0)
+    composites = []
+    for begin, end in zip(start[:-1].tolist(), start[1:].tolist(), strict=True):
+        states = slice(begin, end)
+        x, p = mean[:, states], covariance[:, :, states]
+        # A few states in which a device may be anywhere must not make composites of everything in all others.
+        wide = np.flatnonzero(farthest[states] > OUTLYING * np.median(farthest[states]))
+        near = tight = _within(
+            places, np.delete(low[:, states], wide, axis=1), np.delete(high[:, states], wide, axis=1)
         )
-    start = np.concatenate([[0], np.cumsum(near.sum(axis=1))])
-    return Composites(sighting, start, likelihood)
+        if len(wide):
+            near = tight | _within(places, low[:, states][:, wide], high[:, states][:, wide])
+        sighting = np.flatnonzero(near)
+        close = tight[sighting]
+        likelihood = np.zeros((len(sighting), end - begin))
+        likelihood[close] = _densities(x, p, places[sighting[close]], noise[sighting[close]])
+        if len(wide):
+            far = np.flatnonzero(~close)
+            likelihood[np.ix_(far, wide)] = _densities(
+                x[:, wide], p[:, :, wide], places[sighting[far]], noise[sighting[far]]
+            )
+        composites.append(Composites(sighting, likelihood))
+    return composites
 
 
-def _within(places: Array, mean: Array, reach: Array) -> NDArray[np.bool_]:
-    """Return (X, d) whether a sighting lies in the box around all particles' reaches."""
-    low, high = (mean - reach).min(axis=1), (mean + reach).max(axis=1)
-    near: NDArray[np.bool_] = (places >= low.T[:, None]).all(axis=2) & (places <= high.T[:, None]).all(axis=2)
+def _within(places: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Return (d,) whether a sighting lies in the box around all reaches from (2, u) ``low`` to (2, u) ``high``."""
+    near: NDArray[np.bool_] = ((places >= low.min(axis=1)) & (places <= high.max(axis=1))).all(axis=1)
     return near
 
 
-def _densities(mean: Array, covariance: Array, place: Array, noise: Array) -> Array:
-    """Return the densities of (k, 2) sightings of noise (k, 2, 2), given (2, ..., k) and (2, 2, ..., k) states."""
-    xx = covariance[0, 0] + noise[:, 0, 0]
-    xy = covariance[0, 1] + noise[:, 0, 1]
-    yy = covariance[1, 1] + noise[:, 1, 1]
-    dx, dy = place[:, 0] - mean[0], place[:, 1] - mean[1]
-    determinant = xx * yy - xy * xy
-    misfit = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant
-    density: Array = np.exp(-0.5 * misfit) / (2.0 * math.pi * np.sqrt(determinant))
+def _densities(mean: Array, covariance: Array, places: Array, noise: Array) -> Array:
+    """Return the densities (l, u) of sightings (l, 2) of noise (l, 2, 2), given (2, u) and (2, 2, u) states."""
+    density = np.empty((len(places), mean.shape[1]))
+    step = max(BLOCK // max(mean.shape[1], 1), 1)
+    for begin in range(0, len(places), step):
+        block = slice(begin, begin + step)
+        xx = noise[block, 0, 0, None] + covariance[0, 0]
+        xy = noise[block, 0, 1, None] + covariance[0, 1]
+        yy = noise[block, 1, 1, None] + covariance[1, 1]
+        dx, dy = places[block, 0, None] - mean[0], places[block, 1, None] - mean[1]
+        determinant = xx * yy
+        determinant -= xy * xy
+        # (yy dx² − 2 xy dx dy + xx dy²) / determinant, in the arrays that are there.
+        yy *= dx
+        xy *= dy
+        xy *= 2.0
+        yy -= xy
+        yy *= dx
+        xx *= dy
+        xx *= dy
+        yy += xx
+        yy /= determinant
+        yy *= -0.5
+        np.exp(yy, out=yy)
+        np.sqrt(determinant, out=determinant)
+        determinant *= 2.0 * math.pi
+        np.divide(yy, determinant, out=density[block])
     return density
 
 
 def draw_assignment(
-    composites: Composites,
+    composites: Sequence[Composites],
+    state: Indices,
     detection: Array,
     in_view: Array,
     density: float,
     merged: float,
-    linked: Array,
+    linked: Indices,
     switched: float,
     stranger: Array,
     order: Indices,
@@ -109,12 +138,13 @@ def draw_assignment(
     """Draw who was seen where.
 
     Args:
-        composites: of N particles and X devices.
+        composites: of X devices.
+        state: (N, X) which of its device's states each of N particles holds.
         detection: (X,) probability that a device in view is seen.
         in_view: (N, X) probability that it is in view.
         density: of sightings, 1/m².
         merged: probability that a sighting is two people's.
-        linked: (N, X, d) whether the device was seen, in the cycle before, as who this sighting surely is.
+        linked: (N, X) which sighting surely is whom the device was seen as in the cycle before; -1 for none.
         switched: probability that it is not, after all.
         stranger: (d,) density of a linked sighting if it is somebody else, 1/m².
         order: (X,) in which devices are drawn.
@@ -124,27 +154,41 @@ def draw_assignment(
         (N, X) which sighting each device was seen as, -1 for none; and (N, X) by how much its draw makes log weights
             grow.
     """
-    particles, devices = in_view.shape
+    particles, devices = state.shape
     seen_as = np.full((particles, devices), -1, np.int64)
-    free = np.ones((particles, len(stranger)))
-    growth = np.empty((particles, devices))
-    everyone = np.arange(particles)
+    free = np.ones((len(stranger), particles))
+    total = np.ones((particles, devices))
+    place = np.empty(len(stranger) + 1, np.int64)
     for device in order.tolist():
-        begin, end = composites.start[device], composites.start[device + 1]
-        mine = composites.sighting[begin:end]
-        events = np.empty((particles, end - begin + 1))
-        same = linked[:, device, mine]
-        bound = same.any(axis=1, keepdims=True)
-        loose = np.where(bound, switched, 1.0)
-        events[:, :1] = loose * (1.0 - detection[device] * in_view[:, device, None])
-        prior = np.where(same, (1.0 - switched) / stranger[mine], loose * (detection[device] / density))
-        events[:, 1:] = prior * composites.likelihood[:, begin:end] * free[:, mine]
-        levels = np.cumsum(events, axis=1)
-        total = levels[:, -1]
-        growth[:, device] = np.log(total)
-        event = (levels[:, :-1] <= (uniform[:, device] * total)[:, None]).sum(axis=1)
-        seen = event > 0
+        mine = composites[device].sighting
+        place.fill(-1)
+        place[mine] = np.arange(len(mine))
+        partner = place[linked[:, device]]
+        loose = np.where(partner >= 0, switched, 1.0)
+        levels = np.empty((len(mine) + 1, particles))
+        levels[0] = loose * (1.0 - detection[device] * in_view[:, device])
+        events = levels[1:]
+        np.take(composites[device].likelihood, state[:, device], axis=1, out=events, mode="clip")
+        events *= free[mine]
+        rows = np.flatnonzero(partner >= 0)
+        surely = events[partner[rows], rows] * ((1.0 - switched) / stranger[mine[partner[rows]]])
+        events *= loose * (detection[device] / density)
+        events[partner[rows], rows] = surely
+        np.cumsum(levels, axis=0, out=levels)
+        total[:, device] = levels[-1]
+        event = (levels[:-1] <= uniform[:, device] * levels[-1]).sum(axis=0)
+        seen = np.flatnonzero(event)
         chosen = mine[event[seen] - 1]
         seen_as[seen, device] = chosen
-        free[everyone[seen], chosen] = merged
-    return seen_as, growth
+        free[chosen, seen] = merged
+    return seen_as, np.log(total)
+
+
+def linked_to(links: Indices, sought: Indices) -> Indices:
+    """Return at which place of (d,) ``links``, all different, each of ``sought`` is; -1 where it is not."""
+    if not len(links):
+        return np.full(sought.shape, -1, np.int64)
+    order = np.argsort(links)
+    place = order[np.minimum(np.searchsorted(links, sought, sorter=order), len(links) - 1)]
+    found: Indices = np.where(links[place] == sought, place, -1)
+    return found

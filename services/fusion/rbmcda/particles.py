@@ -9,7 +9,10 @@ Every device of the filter exists in every particle, in view or not. One that is
 its scans alone; to be born on a sighting, or found again, is the same event as to be seen once more, with a wider
 Gaussian. So nobody has to be born on a stranger because their phone is heard.
 
-Pure: the draws are handed in..
+The filter of a device follows from its history alone [ravel-thesis §6.1], and particles drawn from the same one share
+it until they see the device as different people: each state is kept, and worked on, once.
+
+Pure: the draws are handed in.
 """
 
 from __future__ import annotations
@@ -20,10 +23,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.rbmcda.association import composites_of, draw_assignment
+from services.fusion.rbmcda.association import composites_of, draw_assignment, linked_to
 from services.fusion.rbmcda.resampling import effective, systematic
 from services.fusion.rbmcda.settings import RbmcdaSettings
-from services.fusion.rbmcda.unscented import MEAN_WEIGHTS, camera_update, radio_update, sigma_points
+from services.fusion.rbmcda.unscented import BLOCK, camera_update, radio_update, sigma_points
 
 __all__ = ["Cycle", "Draws", "Estimate", "Particles", "run_cycle"]
 
@@ -42,8 +45,9 @@ class Particles:
 
     Attributes:
         weight: (N, X), summing to one for each device.
-        mean: (S, N, X) position in metres, then biases in dB.
-        covariance: (S, S, N, X).
+        mean: (S, U) position in metres, then biases in dB, of U states, the first device's first.
+        covariance: (S, S, U).
+        state: (N, X) which of them each particle holds.
         fed: (N, X) whether a camera saw the device in the last cycle.
         seen: (N, X) when one last did, seconds; -inf for never.
         link: (N, X) as whom it saw it, while that is followed; -1 for nobody.
@@ -52,6 +56,7 @@ class Particles:
     weight: Array
     mean: Array
     covariance: Array
+    state: Indices
     fed: NDArray[np.bool_]
     seen: Array
     link: Indices
@@ -62,8 +67,9 @@ class Particles:
         size = 2 + access_points
         return cls(
             weight=np.zeros((particles, 0)),
-            mean=np.zeros((size, particles, 0)),
-            covariance=np.zeros((size, size, particles, 0)),
+            mean=np.zeros((size, 0)),
+            covariance=np.zeros((size, size, 0)),
+            state=np.zeros((particles, 0), np.int64),
             fed=np.zeros((particles, 0), np.bool_),
             seen=np.zeros((particles, 0)),
             link=np.zeros((particles, 0), np.int64),
@@ -72,18 +78,11 @@ class Particles:
     def with_device(self, mean: Array, covariance: Array) -> Particles:
         """Return them with one more device, out of view: (S,) and (S, S), the same in all particles."""
         count = len(self.weight)
-        weight = np.full((count, 1), 1.0 / count)
-        return replace(
-            self,
-            weight=np.concatenate([self.weight, weight], axis=1),
-            mean=np.concatenate([self.mean, np.broadcast_to(mean[:, None, None], (len(mean), count, 1))], axis=2),
-            covariance=np.concatenate(
-                [
-                    self.covariance,
-                    np.broadcast_to(covariance[:, :, None, None], (len(mean), len(mean), count, 1)),
-                ],
-                axis=3,
-            ),
+        return Particles(
+            weight=np.concatenate([self.weight, np.full((count, 1), 1.0 / count)], axis=1),
+            mean=np.concatenate([self.mean, mean[:, None]], axis=1),
+            covariance=np.concatenate([self.covariance, covariance[:, :, None]], axis=2),
+            state=np.concatenate([self.state, np.full((count, 1), self.mean.shape[1])], axis=1),
             fed=np.concatenate([self.fed, np.zeros((count, 1), np.bool_)], axis=1),
             seen=np.concatenate([self.seen, np.full((count, 1), -np.inf)], axis=1),
             link=np.concatenate([self.link, np.full((count, 1), -1)], axis=1),
@@ -94,8 +93,7 @@ class Particles:
         return replace(
             self,
             weight=np.delete(self.weight, device, axis=1),
-            mean=np.delete(self.mean, device, axis=2),
-            covariance=np.delete(self.covariance, device, axis=3),
+            state=np.delete(self.state, device, axis=1),
             fed=np.delete(self.fed, device, axis=1),
             seen=np.delete(self.seen, device, axis=1),
             link=np.delete(self.link, device, axis=1),
@@ -104,11 +102,14 @@ class Particles:
     def redraw(self, rows: Indices, devices: Indices) -> None:
         """Let the particles of (k,) ``devices`` go on from (N, k) ``rows``, all alike likely."""
         self.weight[:, devices] = 1.0 / len(rows)
-        self.mean[:, :, devices] = self.mean[:, rows, devices]
-        self.covariance[:, :, :, devices] = self.covariance[:, :, rows, devices]
+        self.state[:, devices] = self.state[rows, devices]
         self.fed[:, devices] = self.fed[rows, devices]
         self.seen[:, devices] = self.seen[rows, devices]
         self.link[:, devices] = self.link[rows, devices]
+
+    def positions(self) -> tuple[Array, Array]:
+        """Return (2, N, X) means and (2, 2, N, X) covariances of positions, metres and m²."""
+        return self.mean[:2, self.state], self.covariance[:2, :2][:, :, self.state]
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ class Cycle:
         expected: from places (n, 2) to signal strengths (n, M).
         places: (d, 2) sightings.
         place_noise: (d, 2, 2) m².
-        link: (d,) numbers that a sighting keeps from cycle to cycle while it is surely the same person.
+        link: (d,) numbers, all different, that a sighting keeps from cycle to cycle while it is surely the same person.
         stranger: (d,) density of each place if its link is somebody else's, 1/m².
         detection: (X,) probability that a device in view is seen.
         in_view: from places (n, 2) to how surely they are in the view of a camera that looked, (n,).
@@ -212,62 +213,95 @@ class Estimate:
     weight: Array
 
 
+@dataclass(frozen=True)
+class _Bank:
+    """The filters of a cycle: u states that some particle holds, each device's together.
+
+    Attributes:
+        mean: (S, u).
+        covariance: (S, S, u).
+        fed: (u,) whether a camera saw the device in the last cycle.
+        owner: (u,) whose state it is.
+        start: (X + 1,) where each device's states begin.
+        state: (N, X) which each particle holds.
+    """
+
+    mean: Array
+    covariance: Array
+    fed: NDArray[np.bool_]
+    owner: Indices
+    start: Indices
+    state: Indices
+
+    @classmethod
+    def of(cls, before: Particles, spare: NDArray[np.bool_], apart: bool) -> _Bank:
+        """Copy the states that are held, and one more at the end of those of each device that is to have a ``spare``.
+
+        Args:
+            before: the particles of the cycle before.
+            spare: (X,).
+            apart: whether every particle is to have a state of its own.
+        """
+        particles, devices = before.state.shape
+        if apart:
+            held = before.state.T.ravel()
+            state = np.arange(len(held)).reshape(devices, particles).T
+        else:
+            held, state = np.unique(before.state, return_inverse=True)
+        owner, fed = np.empty(len(held), np.int64), np.empty(len(held), np.bool_)
+        owner[state], fed[state] = np.arange(devices), before.fed
+        end = np.cumsum(np.bincount(owner, minlength=devices))
+        # Which of these each state is: the spare ones are copies until they are overwritten.
+        source = np.insert(np.arange(len(held)), end[spare], end[spare] - 1)
+        spares = np.cumsum(spare)
+        return cls(
+            mean=before.mean[:, held[source]],
+            covariance=before.covariance[:, :, held[source]],
+            fed=fed[source],
+            owner=owner[source],
+            start=np.concatenate([[0], end + spares]),
+            state=state + (spares - spare),
+        )
+
+
 def run_cycle(before: Particles, cycle: Cycle, settings: RbmcdaSettings, draws: Draws) -> tuple[Particles, Estimate]:
     """Predict, take in scans and sightings, weigh, estimate, and draw the particles anew where too few count."""
-    mean, covariance = _predict(before, cycle)
-    seen_as = np.full(before.fed.shape, -1, np.int64)
-    growth = np.zeros(before.fed.shape)
-    heard = np.flatnonzero(np.isfinite(cycle.reading).any(axis=0))
-    predicted = (mean, covariance) if not settings.radio_only else None
-    if len(heard):
-        mean, covariance = mean.copy(), covariance.copy()
-        particles = len(before.weight)
-        mean[:, :, heard], covariance[:, :, :, heard], growth[:, heard] = radio_update(
-            mean[:, :, heard],
-            covariance[:, :, :, heard],
-            cycle.expected,
-            np.repeat(cycle.reading[:, None, heard], particles, axis=1),
-            np.repeat(cycle.noise[:, None, heard], particles, axis=1),
-        )
-    link = before.link.copy()
-    for device, (fresh_mean, fresh_covariance, fresh_evidence) in cycle.anew.items():
-        rows = draws.jump[:, device] < settings.jump
-        mean[:, rows, device] = fresh_mean[:, None]
-        covariance[:, :, rows, device] = fresh_covariance[:, :, None]
-        growth[rows, device] = fresh_evidence
-        link[rows, device] = -1
+    jumps = np.zeros(before.fed.shape, np.bool_)
+    fresh = list(cycle.anew)
+    jumps[:, fresh] = draws.jump[:, fresh] < settings.jump
+    jumpers = np.asarray(jumps.any(axis=0))
+    bank = _Bank.of(before, jumpers, cycle.push is not None)
+    _predict(bank, cycle)
+    mean, covariance = bank.mean, bank.covariance
+    alone = (mean, covariance) if settings.radio_only else (mean.copy(), covariance.copy())
+    evidence = radio_update(mean, covariance, cycle.expected, cycle.reading, cycle.noise, bank.owner)
+    spare = bank.start[1:] - 1
+    for device in np.flatnonzero(jumpers).tolist():
+        mean[:, spare[device]], covariance[:, :, spare[device]], evidence[spare[device]] = cycle.anew[device]
+    state = np.where(jumps, spare, bank.state)
     hasty = covariance[:2, :2].copy()
-    hasty[0, 0] += cycle.haste
-    hasty[1, 1] += cycle.haste
-    if before.fed.shape[1]:
-        composites = composites_of(mean[:2], hasty, cycle.places, cycle.place_noise, settings.gate)
-        seen_as, drawn = draw_assignment(
-            composites,
-            cycle.detection,
-            _view_share(mean, hasty, cycle.in_view),
-            cycle.density,
-            settings.merged,
-            link[:, :, None] == cycle.link,
-            settings.switched,
-            cycle.stranger,
-            draws.order,
-            draws.uniform,
-        )
-        growth += drawn
+    hasty[[0, 1], [0, 1]] += cycle.haste[bank.owner]
+    seen_as, growth = draw_assignment(
+        composites_of(mean[:2], hasty, bank.start, cycle.places, cycle.place_noise, settings.gate),
+        state - bank.start[:-1],
+        cycle.detection,
+        _view_share(mean[:2], hasty, cycle.in_view)[state],
+        cycle.density,
+        settings.merged,
+        linked_to(cycle.link, np.where(jumps, -1, before.link)),
+        settings.switched,
+        cycle.stranger,
+        draws.order,
+        draws.uniform,
+    )
+    growth += evidence[state]
     fed = seen_as >= 0
-    link = np.where(fed, np.append(cycle.link, -1)[seen_as], -1)
-    if predicted is not None and len(heard):
-        mean, covariance = np.where(fed, mean, predicted[0]), np.where(fed, covariance, predicted[1])
-    if fed.any():
-        chosen = seen_as[fed]
-        joined = covariance[:, :, fed]
-        joined[:2, :2] = hasty[:, :, fed]
-        mean[:, fed], covariance[:, :, fed] = camera_update(
-            mean[:, fed],
-            joined,
-            cycle.places[chosen].T,
-            np.moveaxis(cycle.place_noise[chosen], 0, -1),
-        )
+    # Whom no camera saw keeps the prediction where radio is no correction on its own.
+    held = state if settings.radio_only else np.where(fed, state, bank.state)
+    different = len(cycle.places) + 1
+    keys, state = np.unique(held * different + seen_as + 1, return_inverse=True)
+    source, sighting = keys // different, keys % different - 1
+    mean, covariance = _looked(source, sighting, alone, (mean, covariance), hasty, cycle)
     weight = before.weight
     if not settings.separate:
         weight = np.broadcast_to(weight[:, :1], weight.shape)
@@ -275,7 +309,15 @@ def run_cycle(before: Particles, cycle: Cycle, settings: RbmcdaSettings, draws: 
     log_weight = np.log(np.maximum(weight, LEAST)) + growth
     weight = np.exp(log_weight - log_weight.max(axis=0, initial=-np.inf))
     weight /= weight.sum(axis=0)
-    after = Particles(weight, mean, covariance, fed, np.where(fed, cycle.t, before.seen), link)
+    after = Particles(
+        weight=weight,
+        mean=mean,
+        covariance=covariance,
+        state=state,
+        fed=fed,
+        seen=np.where(fed, cycle.t, before.seen),
+        link=np.where(fed, np.append(cycle.link, -1)[seen_as], -1),
+    )
     estimate = _estimate(after, cycle, seen_as)
     poor = np.flatnonzero(effective(weight) < settings.resample_below * len(weight))
     if len(poor):
@@ -284,39 +326,73 @@ def run_cycle(before: Particles, cycle: Cycle, settings: RbmcdaSettings, draws: 
     return after, estimate
 
 
-def _predict(before: Particles, cycle: Cycle) -> tuple[Array, Array]:
-    """Return the states after the motion of the cycle (eq. 4.2, 4.12)."""
-    mean, covariance = before.mean.copy(), before.covariance.copy()
+def _predict(bank: _Bank, cycle: Cycle) -> None:
+    """Let the states move as in the cycle (eq. 4.2, 4.12)."""
+    mean, covariance, owner = bank.mean, bank.covariance, bank.owner
     # Who was seen at the end of the last cycle was where the camera said, whatever had been guessed.
-    mean[:2] += np.where(before.fed, 0.0, cycle.owed[:, None, :])
+    mean[:2] += np.where(bank.fed, 0.0, cycle.owed[:, owner])
     if cycle.push is not None:
-        shift, slope = cycle.push(mean[:2], covariance[0, 0] + covariance[1, 1] < KNOWN)
-        mean[:2] += shift
-        covariance[:2] = np.einsum("ijnx,jsnx->isnx", slope, covariance[:2])
-        covariance[:, :2] = np.einsum("ijnx,sjnx->sinx", slope, covariance[:, :2])
-    mean[:2] += cycle.shift[:, None, :]
-    covariance[:2, :2] += cycle.spread[:, :, None, :]
-    usual = cycle.usual[:, None, None]
-    mean[2:] = usual + (mean[2:] - usual) * cycle.kept
-    covariance[2:] *= cycle.kept
-    covariance[:, 2:] *= cycle.kept
-    covariance[2:, 2:] += cycle.bias[:, :, None, None] * (1.0 - cycle.kept**2)
-    return mean, covariance
+        known = covariance[0, 0] + covariance[1, 1] < KNOWN
+        shift, slope = cycle.push(mean[:2, bank.state], known[bank.state])
+        mean[:2, bank.state] += shift
+        pushed = np.repeat(np.eye(2)[:, :, None], len(owner), axis=2)
+        pushed[:, :, bank.state] = slope
+        covariance[:2] = np.einsum("iju,jsu->isu", pushed, covariance[:2])
+        covariance[:, :2] = np.einsum("iju,sju->siu", pushed, covariance[:, :2])
+    mean[:2] += cycle.shift[:, owner]
+    covariance[:2, :2] += cycle.spread[:, :, owner]
+    usual, kept = cycle.usual[:, None], cycle.kept[owner]
+    mean[2:] = usual + (mean[2:] - usual) * kept
+    covariance[2:] *= kept
+    covariance[:, 2:] *= kept
+    covariance[2:, 2:] += cycle.bias[:, :, None] * (1.0 - kept**2)
 
 
 def _view_share(mean: Array, covariance: Array, in_view: Callable[[Array], Array]) -> Array:
-    """Return (N, X) how probably each device is in view."""
-    points = sigma_points(mean[:2], covariance)
-    inside = in_view(np.moveaxis(points, 1, -1).reshape(-1, 2)).reshape(5, *mean.shape[1:])
-    share: Array = np.tensordot(np.array(MEAN_WEIGHTS), inside, axes=1)
+    """Return (u,) how probably each state is in view."""
+    points = sigma_points(mean, covariance)
+    inside = in_view(points.transpose(0, 2, 1).reshape(-1, 2)).reshape(5, -1)
+    share: Array = inside[0] / 3.0 + inside[1:].sum(axis=0) / 6.0
     return share
+
+
+def _looked(
+    source: Indices,
+    sighting: Indices,
+    alone: tuple[Array, Array],
+    heard: tuple[Array, Array],
+    hasty: Array,
+    cycle: Cycle,
+) -> tuple[Array, Array]:
+    """Return the (S, v) and (S, S, v) states after cameras looked.
+
+    Args:
+        source: (v,) which state each was.
+        sighting: (v,) as which it was seen; -1 for none.
+        alone: the states of those not seen.
+        heard: of those seen, before they were.
+        hasty: (2, 2, u) their positions' covariance.
+        cycle: what was seen.
+    """
+    mean, covariance = (np.empty((*each.shape[:-1], len(source))) for each in heard)
+    unseen, seen = np.flatnonzero(sighting < 0), np.flatnonzero(sighting >= 0)
+    mean[:, unseen], covariance[:, :, unseen] = alone[0][:, source[unseen]], alone[1][:, :, source[unseen]]
+    for begin in range(0, len(seen), BLOCK):
+        block = seen[begin : begin + BLOCK]
+        x, p = heard[0][:, source[block]], heard[1][:, :, source[block]]
+        p[:2, :2] = hasty[:, :, source[block]]
+        noise = cycle.place_noise[sighting[block]].transpose(1, 2, 0)
+        camera_update(x, p, cycle.places[sighting[block]].T, noise)
+        mean[:, block], covariance[:, :, block] = x, p
+    return mean, covariance
 
 
 def _estimate(after: Particles, cycle: Cycle, seen_as: Indices) -> Estimate:
     weight = after.weight
-    mean = np.einsum("nx,inx->ix", weight, after.mean[:2])
-    apart = after.mean[:2] - mean[:, None, :]
-    covariance = np.einsum("nx,ijnx->ijx", weight, after.covariance[:2, :2])
+    places, spreads = after.positions()
+    mean = np.einsum("nx,inx->ix", weight, places)
+    apart = places - mean[:, None, :]
+    covariance = np.einsum("nx,ijnx->ijx", weight, spreads)
     covariance += np.einsum("nx,inx,jnx->ijx", weight, apart, apart)
     fed = (weight * after.fed).sum(axis=0)
     covariance[[0, 1], [0, 1]] += cycle.haste * (1.0 - fed)
@@ -325,5 +401,5 @@ def _estimate(after: Particles, cycle: Cycle, seen_as: Indices) -> Estimate:
     times = (weight * np.where(ever, after.seen - cycle.t, 0.0)).sum(axis=0)
     seen = np.where(share > 0.5, cycle.t + times / np.maximum(share, 0.5), -np.inf)
     agreed = (weight * (apart[0] ** 2 + apart[1] ** 2 < 1.0)).sum(axis=0)
-    biases = np.einsum("nx,mnx->mx", weight, after.mean[2:])
+    biases = np.einsum("nx,mnx->mx", weight, after.mean[2:, after.state])
     return Estimate(mean, covariance, biases, fed, seen, np.minimum(agreed, 1.0), seen_as, weight.copy())

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from services.fusion.rbmcda.association import linked_to
 from services.fusion.rbmcda.particles import Estimate, Particles
 from services.fusion.rbmcda.sightings import Sightings
 
@@ -32,13 +33,13 @@ def carried_on(
         lag: seconds.
         guessed: metres per second by which a walk may differ.
     """
-    mean = particles.mean[:2] + lag * pace[:, None, :]
-    covariance = particles.covariance[:2, :2].copy()
+    mean, covariance = particles.positions()
+    mean += lag * pace[:, None, :]
     covariance[[0, 1], [0, 1]] += (guessed * lag) ** 2
-    same = particles.link[:, :, None] == seen.link
-    linked = same.any(axis=2)
+    partner = linked_to(seen.link, particles.link)
+    linked = partner >= 0
     if linked.any():
-        which = same.argmax(axis=2)[linked]
+        which = partner[linked]
         mean[:, linked] = seen.places[which].T
         covariance[:, :, linked] = np.moveaxis(seen.noise[which], 0, -1)
     weight = particles.weight

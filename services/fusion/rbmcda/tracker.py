@@ -155,7 +155,7 @@ class RbmcdaTracker:
                 raise TrackerStateError(f"a state of tracker {parts['tracker']!r}, expected {self.name!r}")
             particles = Particles(**{name: unpack(parts["particles"][name]) for name in _ARRAYS})
             expected = self.settings.particles, len(self.view.radio.names) + 2, len(parts["devices"])
-            if (len(particles.weight), len(particles.mean), particles.mean.shape[2]) != expected:
+            if (len(particles.weight), len(particles.mean), particles.weight.shape[1]) != expected:
                 raise TrackerStateError(f"a state of another number of particles or access points than {expected[:2]}")
             walks = {device: WalkLog.of(walk) for device, walk in parts["walks"].items()}
             readings = Readings(self.view.radio.names, self.settings)
@@ -326,7 +326,7 @@ class ForcedRbmcdaTracker(RbmcdaTracker):
         super().__init__(view, seed, replace(settings or RbmcdaSettings(), forces=True))
 
 
-_ARRAYS = ("weight", "mean", "covariance", "fed", "seen", "link")
+_ARRAYS = ("weight", "mean", "covariance", "state", "fed", "seen", "link")
 
 
 def _push(
