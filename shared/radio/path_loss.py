@@ -49,8 +49,9 @@ class PathLoss:
 
     def log_distance(self, places: Array) -> Array:
         """Return 10 log₁₀ of the distance, (n, m), from each of (n, 2) places at phone height to each access point."""
-        offset = places[:, None, :] - self.positions[None, :, :2]
-        squared = offset[..., 0] ** 2 + offset[..., 1] ** 2 + (self.positions[:, 2] - DEVICE_HEIGHT) ** 2
+        squared = (places[:, 0, None] - self.positions[:, 0]) ** 2
+        squared += (places[:, 1, None] - self.positions[:, 1]) ** 2
+        squared += (self.positions[:, 2] - DEVICE_HEIGHT) ** 2
         level: Array = 5.0 * np.log10(np.maximum(squared, NEAREST**2))
         return level
 

@@ -343,9 +343,11 @@ def _predict(bank: _Bank, cycle: Cycle) -> None:
     covariance[:2, :2] += cycle.spread[:, :, owner]
     usual, kept = cycle.usual[:, None], cycle.kept[owner]
     mean[2:] = usual + (mean[2:] - usual) * kept
-    covariance[2:] *= kept
-    covariance[:, 2:] *= kept
-    covariance[2:, 2:] += cycle.bias[:, :, None] * (1.0 - kept**2)
+    for begin in range(0, len(owner), BLOCK):
+        left, of = kept[begin : begin + BLOCK], covariance[:, :, begin : begin + BLOCK]
+        of[2:] *= left
+        of[:, 2:] *= left
+        of[2:, 2:] += cycle.bias[:, :, None] * (1.0 - left**2)
 
 
 def _view_share(mean: Array, covariance: Array, in_view: Callable[[Array], Array]) -> Array:
@@ -375,15 +377,16 @@ def _looked(
         cycle: what was seen.
     """
     mean, covariance = (np.empty((*each.shape[:-1], len(source))) for each in heard)
-    unseen, seen = np.flatnonzero(sighting < 0), np.flatnonzero(sighting >= 0)
-    mean[:, unseen], covariance[:, :, unseen] = alone[0][:, source[unseen]], alone[1][:, :, source[unseen]]
-    for begin in range(0, len(seen), BLOCK):
-        block = seen[begin : begin + BLOCK]
+    for begin in range(0, len(source) if len(cycle.places) else 0, BLOCK):
+        block = slice(begin, begin + BLOCK)
         x, p = heard[0][:, source[block]], heard[1][:, :, source[block]]
         p[:2, :2] = hasty[:, :, source[block]]
+        # As if all had been seen; the others are put right below.
         noise = cycle.place_noise[sighting[block]].transpose(1, 2, 0)
         camera_update(x, p, cycle.places[sighting[block]].T, noise)
         mean[:, block], covariance[:, :, block] = x, p
+    unseen = np.flatnonzero(sighting < 0)
+    mean[:, unseen], covariance[:, :, unseen] = alone[0][:, source[unseen]], alone[1][:, :, source[unseen]]
     return mean, covariance
 
 

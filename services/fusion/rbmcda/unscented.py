@@ -77,12 +77,18 @@ def radio_update(
         heard = np.flatnonzero(np.isfinite(reading[:, devices[0]]))
         states = np.flatnonzero(np.isin(owner, devices))
         for begin in range(0, len(states), BLOCK):
-            block = states[begin : begin + BLOCK]
+            block = _span(states[begin : begin + BLOCK])
             place = np.ix_(heard, owner[block])
-            x, p = mean[:, block], covariance[:, :, block]
+            x, p = mean[:, block].copy(), covariance[:, :, block].copy()
             evidence[block] = _radio_block(x, p, expected, heard, reading[place], noise[place])
             mean[:, block], covariance[:, :, block] = x, p
     return evidence
+
+
+def _span(places: Indices) -> slice | Indices:
+    """Return ascending ``places`` as a slice where they are all in a row, which is quicker to copy."""
+    first, last = int(places[0]), int(places[-1])
+    return slice(first, last + 1) if last - first + 1 == len(places) else places
 
 
 def _radio_block(
