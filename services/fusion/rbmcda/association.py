@@ -12,6 +12,7 @@ would have gone, not with clutter. What is left as evidence is whether it moves 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,39 +57,40 @@ def composites_of(
         noise: (d, 2, 2).
         gate: standard deviations.
     """
-    if not len(places):
+    if not len(places) or len(start) == 1:
         return [Composites(np.zeros(0, np.int64), np.zeros((0, count))) for count in np.diff(start).tolist()]
     widest = np.sqrt(noise[:, [0, 1], [0, 1]].max(axis=0))
     reach = gate * (np.sqrt(covariance[[0, 1], [0, 1]]) + widest[:, None])
     low, high = mean - reach, mean + reach
     farthest = reach.max(axis=0)
+    # A few states in which a device may be anywhere must not make composites of everything in all others.
+    owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
+    median = farthest[np.lexsort((farthest, owner))[(start[:-1] + start[1:]) // 2]]
+    wide = farthest > OUTLYING * median[owner]
+    near = _within(places, low, high, start)
+    tight = _within(places, np.where(wide, np.inf, low), np.where(wide, -np.inf, high), start)
     composites = []
-    for begin, end in zip(start[:-1].tolist(), start[1:].tolist(), strict=True):
-        states = slice(begin, end)
-        x, p = mean[:, states], covariance[:, :, states]
-        # A few states in which a device may be anywhere must not make composites of everything in all others.
-        wide = np.flatnonzero(farthest[states] > OUTLYING * np.median(farthest[states]))
-        near = tight = _within(
-            places, np.delete(low[:, states], wide, axis=1), np.delete(high[:, states], wide, axis=1)
-        )
-        if len(wide):
-            near = tight | _within(places, low[:, states][:, wide], high[:, states][:, wide])
-        sighting = np.flatnonzero(near)
-        close = tight[sighting]
-        likelihood = np.zeros((len(sighting), end - begin))
-        likelihood[close] = _densities(x, p, places[sighting[close]], noise[sighting[close]])
-        if len(wide):
-            far = np.flatnonzero(~close)
-            likelihood[np.ix_(far, wide)] = _densities(
-                x[:, wide], p[:, :, wide], places[sighting[far]], noise[sighting[far]]
-            )
+    for device, (begin, end) in enumerate(itertools.pairwise(start.tolist())):
+        x, p, far = mean[:, begin:end], covariance[:, :, begin:end], wide[begin:end]
+        sighting = near[device].nonzero()[0]
+        close = tight[device, sighting]
+        if close.all():
+            likelihood = _densities(x, p, places[sighting], noise[sighting])
+        else:
+            mine, rest = sighting[close], sighting[~close]
+            likelihood = np.zeros((len(sighting), end - begin))
+            likelihood[close] = _densities(x, p, places[mine], noise[mine])
+            likelihood[(~close)[:, None] & far] = _densities(x[:, far], p[:, :, far], places[rest], noise[rest]).ravel()
         composites.append(Composites(sighting, likelihood))
     return composites
 
 
-def _within(places: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    """Return (d,) whether a sighting lies in the box around all reaches from (2, u) ``low`` to (2, u) ``high``."""
-    near: NDArray[np.bool_] = ((places >= low.min(axis=1)) & (places <= high.max(axis=1))).all(axis=1)
+def _within(places: Array, low: Array, high: Array, start: Indices) -> NDArray[np.bool_]:
+    """Return (X, d) whether a sighting lies in the box around all reaches of a device, (2, u) ``low`` to ``high``."""
+    lowest = np.minimum.reduceat(low, start[:-1], axis=1)[:, :, None]
+    highest = np.maximum.reduceat(high, start[:-1], axis=1)[:, :, None]
+    inside = (places.T[:, None] >= lowest) & (places.T[:, None] <= highest)
+    near: NDArray[np.bool_] = inside[0] & inside[1]
     return near
 
 

@@ -32,19 +32,20 @@ def birth(
     """
     heard = np.flatnonzero(np.isfinite(reading))
     residual = (reading - usual)[heard] - expected[:, heard]
-    spread = bias[np.ix_(heard, heard)] + np.diag(noise[heard])
-    solved = np.linalg.solve(spread, residual.T)
-    level = -0.5 * np.einsum("gh,hg->g", residual, solved)
+    spread = bias[heard[:, None], heard] + np.diag(noise[heard])
+    precision = np.linalg.inv(spread)
+    solved = residual @ precision
+    level = -0.5 * np.einsum("gh,gh->g", residual, solved)
     highest = float(level.max())
     weight = np.exp(level - highest)
+    total = float(weight.sum())
     _, log_det = np.linalg.slogdet(2.0 * math.pi * spread)
-    evidence = highest + math.log(float(weight.mean())) - 0.5 * float(log_det)
-    weight /= weight.sum()
+    evidence = highest + math.log(total / len(weight)) - 0.5 * float(log_det)
+    weight /= total
     gain = bias[:, heard]
-    biases = usual + (gain @ solved).T
-    states = np.concatenate([grid, biases], axis=1)
+    states = np.concatenate([grid, usual + solved @ gain.T], axis=1)
     mean = weight @ states
     apart = states - mean
     covariance = (apart * weight[:, None]).T @ apart
-    covariance[2:, 2:] += bias - gain @ np.linalg.solve(spread, gain.T)
+    covariance[2:, 2:] += bias - gain @ precision @ gain.T
     return mean, covariance, evidence

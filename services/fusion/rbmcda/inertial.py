@@ -165,12 +165,14 @@ class WalkLog:
     def _walked(self, begin: float, end: float) -> tuple[float, ...]:
         """Return dx, dy, xx, xy, yy and the path of the steps between two times, partial steps in part."""
         x = y = xx = xy = yy = path = 0.0
-        for first, last, dx, dy, *variance in self.steps:
-            share = (min(last, end) - max(first, begin)) / max(last - first, 1e-3)
-            if share > 0.0:
-                share = min(share, 1.0)
-                x, y, path = x + share * dx, y + share * dy, path + share * math.hypot(dx, dy)
-                xx, xy, yy = xx + share * variance[0], xy + share * variance[1], yy + share * variance[2]
+        for step in self.steps:
+            first, last = step[0], step[1]
+            if first >= end or last <= begin:
+                continue
+            _, _, dx, dy, *variance = step
+            share = min((min(last, end) - max(first, begin)) / max(last - first, 1e-3), 1.0)
+            x, y, path = x + share * dx, y + share * dy, path + share * math.hypot(dx, dy)
+            xx, xy, yy = xx + share * variance[0], xy + share * variance[1], yy + share * variance[2]
         return x, y, xx, xy, yy, path
 
     def _pace(self) -> tuple[float, float]:

@@ -27,7 +27,7 @@ SPREAD = 3.0
 EVEN_SUM, EVEN_DIFFERENCE = math.sqrt(5.0 / 18.0), math.sqrt(1.0 / 6.0)
 """What the weights of the sigma points (1/3, central 1/3 + 2 in covariances, the others 1/6) make of the sum and of the
 difference of the two axes' curvatures: their outer products are all of Cov(h(x)) that H P Hᵀ leaves out."""
-BLOCK = 256
+BLOCK = 384
 """States worked on at a time."""
 
 
