@@ -1,11 +1,13 @@
 """The identity filter's arrays against plain loops on filterpy, and its parts."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from rbmcda_oracle import Target, one_cycle
 
+from services.fusion.rbmcda.association import composites_of, linked_to
 from services.fusion.rbmcda.births import birth
 from services.fusion.rbmcda.particles import Cycle, Draws, Particles, run_cycle
 from services.fusion.rbmcda.resampling import effective, systematic
@@ -117,3 +119,47 @@ def test_a_new_device_is_where_its_first_scan_says() -> None:
     _, vague, _ = birth(GRID, expected(GRID), reading, np.full(3, 1.0), BIAS, np.zeros(3))
     assert math.dist(sure[:2], place[0]) < 0.5
     assert np.trace(vague[:2, :2]) > 4.0 * np.trace(narrow[:2, :2])
+
+
+def test_particles_share_the_filter_of_a_history() -> None:
+    """A hundred particles that see a device as one of four people or not, or begin anew, hold ten states of it."""
+    rng = np.random.default_rng(3)
+    particles = Particles.empty(100, 3).with_device(*one_device(rng)).with_device(*one_device(rng))
+    cycle = a_cycle(rng, 0, 2, np.arange(4))
+    after, estimate = run_cycle(particles, cycle, RbmcdaSettings(jump=0.1, gate=1e3), Draws.of(rng, 100, 2))
+    assert after.mean.shape[1] <= 2 * 2 * 5
+    assert len(np.unique(estimate.seen_as)) > 1
+    assert not set(after.state[:, 0].tolist()) & set(after.state[:, 1].tolist())
+
+
+def test_a_scan_alone_moves_nobody_where_it_is_no_correction() -> None:
+    """Where no camera looks, a device is where its steps led, whether it began anew on the way or not."""
+    rng = np.random.default_rng(4)
+    mean, covariance = one_device(rng)
+    cycle = a_cycle(rng, 0, 1, np.arange(4))
+    dark = replace(
+        cycle, places=np.zeros((0, 2)), place_noise=np.zeros((0, 2, 2)), link=np.zeros(0, int), stranger=np.zeros(0)
+    )
+    before = Particles.empty(20, 3).with_device(mean, covariance)
+    settings = RbmcdaSettings(jump=0.5, radio_only=False, resample_below=0.0)
+    after, _ = run_cycle(before, dark, settings, Draws.of(rng, 20, 1))
+    moved = (mean[:2] + cycle.shift[:, 0] + cycle.owed[:, 0])[:, None, None]
+    np.testing.assert_allclose(after.positions()[0], np.broadcast_to(moved, (2, 20, 1)))
+    corrected, _ = run_cycle(before, dark, replace(settings, radio_only=True), Draws.of(rng, 20, 1))
+    assert np.abs(corrected.positions()[0] - moved).min() > 1e-3
+
+
+def test_a_state_far_off_makes_no_composites_for_the_others() -> None:
+    mean = np.array([[0.0, 0.1, 0.0], [0.0, 0.0, 0.1]])
+    covariance = np.eye(2)[:, :, None] * np.array([0.04, 0.04, 25.0])
+    places, noise = np.array([[0.2, 0.0], [9.0, 0.0], [50.0, 0.0]]), np.repeat(0.01 * np.eye(2)[None], 3, axis=0)
+    (found,) = composites_of(mean, covariance, np.array([0, 3]), places, noise, 4.0)
+    assert found.sighting.tolist() == [0, 1]
+    assert (found.likelihood > 0.0).tolist() == [[True, True, True], [False, False, True]]
+    wide = math.exp(-0.5 * (9.0**2 + 0.1**2) / 25.01) / (2.0 * math.pi * 25.01)
+    assert found.likelihood[1, 2] == pytest.approx(wide)
+
+
+def test_who_is_linked_to_which_sighting() -> None:
+    assert linked_to(np.array([7, 3, 9]), np.array([[3, -1], [9, 4]])).tolist() == [[1, -1], [2, -1]]
+    assert linked_to(np.zeros(0, int), np.array([[3]])).tolist() == [[-1]]
