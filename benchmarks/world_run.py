@@ -54,6 +54,7 @@ def record_world(
     *,
     seconds: float | None = None,
     motion: bool = True,
+    people: int | None = None,
     progress: Callable[[float], None] = lambda seconds: None,
 ) -> dict[str, WorldRecord]:
     """Make a world and return what reached Atrium, by area.
@@ -67,9 +68,10 @@ def record_world(
         seed: see above.
         seconds: how much of it; None: the scenario's duration.
         motion: whether inertial samples are worked on; without, it is quicker and ``motions`` are empty.
+        people: seed of another day with other people in the same place; None: ``seed`` (see ``World``).
         progress: called with the seconds made.
     """
-    world = World(scenario, site, seed)
+    world = World(scenario, site, seed, people)
     until = math.ceil((scenario.duration if seconds is None else seconds) / BLOCK) * BLOCK
     addresses = {address.lower(): point.id for point in site.access_points for address in point.addresses}
     phones = {carrier.person: Phone(carrier.device, addresses, carrier.fleet.enrolled_as) for carrier in world.carriers}

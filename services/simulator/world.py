@@ -99,28 +99,30 @@ class World:
         scenario: what happens; checked by ``scenario_loading``.
         site: where.
         seed: of everything random; None: the scenario's test seed.
+        people: seed of all that another day brings: other people with other phones, other mistakes of cameras, another
+            course of what drifts. The place, its radio and its magnetic field stay those of ``seed``. None: ``seed``.
     """
 
-    def __init__(self, scenario: Scenario, site: Site, seed: int | None = None) -> None:
+    def __init__(self, scenario: Scenario, site: Site, seed: int | None = None, people: int | None = None) -> None:
         self.scenario = scenario
         self.site = site
         self.seed = scenario.seeds.test if seed is None else seed
-        self.people = people_of(scenario, site, self.seed)
+        day = self.seed if people is None else people
+        self.people = people_of(scenario, site, day)
         self.carriers = carriers_of(scenario, self.people)
-        self.radio = RadioWorld(site, self.seed, scenario.radio)
+        self.radio = RadioWorld(site, self.seed, scenario.radio, day)
         magnetic = MagneticField(site, scenario.magnetic, self.seed)
         self.phones = [
-            EmulatedPhone(site, self.radio, magnetic, carrier.person, carrier.fleet, self.seed)
-            for carrier in self.carriers
+            EmulatedPhone(site, self.radio, magnetic, carrier.person, carrier.fleet, day) for carrier in self.carriers
         ]
         self._eyes: Mapping[str, _Eye] = {
-            camera.id: _eye(view, camera, site, self.seed)
+            camera.id: _eye(view, camera, site, day)
             for view in scenario.views
             if not isinstance(view, RenderedView)
             for camera in cameras_of(view.camera, site)
         }
-        self._camera_faults = CameraFaults(scenario.faults, self.seed)
-        self._phone_faults = PhoneFaults(scenario.faults, self.seed, [carrier.person for carrier in self.carriers])
+        self._camera_faults = CameraFaults(scenario.faults, day)
+        self._phone_faults = PhoneFaults(scenario.faults, day, [carrier.person for carrier in self.carriers])
         self._made = 0
 
     @property

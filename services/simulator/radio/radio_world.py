@@ -115,7 +115,10 @@ class _Place:
 
 
 class RadioWorld:
-    """The true radio of one site. Same site, seed and parameters: the same world, bit for bit.
+    """The true radio of one site. Same site, seeds and parameters: the same world, bit for bit.
+
+    Access points' constants and shadowing are of ``seed``; phones and what drifts are of ``day``, which is ``seed`` too
+    unless another is given.
 
     Attributes:
         access_points: site ids of the access points, in the order of every array's last axis.
@@ -128,9 +131,12 @@ class RadioWorld:
         ValueError: a change names a floor or an access point that the site does not have.
     """
 
-    def __init__(self, site: Site, seed: int, parameters: RadioParameters | None = None) -> None:
+    def __init__(
+        self, site: Site, seed: int, parameters: RadioParameters | None = None, day: int | None = None
+    ) -> None:
         self.parameters = parameters or RadioParameters()
         self.seed = seed
+        self.day = seed if day is None else day
         unknown = unknown_names(self.parameters.changes, site)
         if unknown:
             raise ValueError("; ".join(unknown))
@@ -143,7 +149,9 @@ class RadioWorld:
         self.power_1m: Array = constants[:, 0]
         self.exponent: Array = constants[:, 1]
         names = self.access_points
-        self._drift = Drift([generator(seed, "drift", name) for name in names], chosen.drift_sigma, chosen.drift_time)
+        self._drift = Drift(
+            [generator(self.day, "drift", name) for name in names], chosen.drift_sigma, chosen.drift_time
+        )
         self._power_changes = [
             (change.at, names.index(change.access_point), change.by)
             for change in chosen.changes
@@ -215,7 +223,7 @@ class RadioWorld:
 
     def phone(self, device: str) -> PhoneRadio:
         """Return the radio of one phone: its own offsets and its own noise."""
-        return PhoneRadio(self, generator(self.seed, "phone radio", device))
+        return PhoneRadio(self, generator(self.day, "phone radio", device))
 
     def _gain(self, points: Array, floor: str, facing: Array | None, t: Array) -> Array:
         """Return what the way from each place of an access point adds, (n, places), dB."""

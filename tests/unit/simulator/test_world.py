@@ -126,6 +126,26 @@ def test_a_wall_built_on_the_way_is_there_for_radio_only_as_its_page_says() -> N
     assert "for radio only: people and cameras ignore it" in reference()
 
 
+def test_another_day_brings_other_people_to_the_same_place() -> None:
+    scenario, site = load_scenario(PROJECT / "deploy/sites/museum/scenario.yaml")
+    world, later, same = (
+        World(scenario, site, 5),
+        World(scenario, site, 5, people=6),
+        World(scenario, site, 5, people=5),
+    )
+    floor, spots = site.floors[0].id, np.random.default_rng(0).uniform(1.0, 5.0, (20, 2))
+    one, other = (at.radio.expected(spots, floor) for at in (world, later))
+    # A drift of the transmitters apart, what is heard at a place is the same …
+    assert np.ptp(one - other, axis=0).max() < 1e-9
+    # … but by other phones, of other people.
+    device = world.carriers[0].device
+    assert world.radio.phone(device).offset != later.radio.phone(device).offset
+    times = np.arange(0.0, 20.0, 1.0)
+    before, after, again = (at.people.movement(times).position for at in (world, later, same))
+    assert before.shape != after.shape or not np.allclose(before, after, equal_nan=True)
+    np.testing.assert_array_equal(before, again)
+
+
 def test_everything_arrives_in_order_and_nothing_before_it_was_measured() -> None:
     scenario = museum(phones=ONE_FLEET, faults=TROUBLE)
     _, blocks = made(scenario, 5, 30.0)
