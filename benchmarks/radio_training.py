@@ -25,11 +25,11 @@ __all__ = ["PRIOR", "learn_from_run", "train_radio", "warmed_up"]
 Array = NDArray[np.float64]
 
 PRIOR = RadioPrior()
-ROUNDS = 2
+ROUNDS = 3
 LAG = 5.0
 """Seconds for which a name may still be revised before it teaches."""
-SURE = 0.8
-"""Probability from which a name teaches."""
+SURE = 0.5
+"""Probability from which a name teaches, and by as much as it is: on a site as found few are surer, and rightly so."""
 FEWEST = 4
 """Scans along one track; fewer teach nothing, because too often the name was a guess."""
 
