@@ -97,7 +97,8 @@ def test_everybody_is_found(everybodys: Tracker, site: Site, chunks: list[Chunk]
 
 def test_two_cameras_do_not_make_twins(everybodys: Tracker, chunks: list[Chunk]) -> None:
     for tracks in run(everybodys, chunks)[30:]:
-        assert len(tracks.track) <= 5
+        # A phone whose carrier is not known for sure may be told besides, as one that no camera sees.
+        assert sum(state != "unseen" for state in tracks.state) <= 5
         assert len(set(tracks.track)) == len(tracks.track)
 
 

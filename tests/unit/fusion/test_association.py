@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.fusion.evidence.association import assign, association_marginals
+from services.fusion.evidence.identity_settings import IdentitySettings
 
 
 def enumerated(log_odds: np.ndarray) -> np.ndarray:
@@ -85,3 +86,13 @@ def test_no_track_is_given_twice() -> None:
 def test_nothing_to_assign_is_fine() -> None:
     assert assign(np.zeros((2, 0)), np.zeros((2, 0), np.bool_), 0.4, 0.2).tolist() == [-1, -1]
     assert association_marginals(np.zeros((0, 3))).shape == (0, 3)
+
+
+def test_a_name_as_likely_wrong_as_right_is_not_told_even_to_who_bore_it() -> None:
+    """Two companions whom one phone fits alike: not sure; nor do the default thresholds let the old name stand."""
+    shipped, nobody = IdentitySettings(), np.zeros((1, 2), bool)
+    alike = association_marginals(np.array([[4.0, 4.0]]))
+    for holds in (nobody, np.array([[True, False]])):
+        assert assign(alike, holds, shipped.claim, shipped.keep).tolist() == [-1]
+    better = association_marginals(np.array([[4.0, 3.0]]))
+    assert assign(better, nobody, shipped.claim, shipped.keep).tolist() == [0]
