@@ -57,8 +57,8 @@ class Message(msgspec.Struct, frozen=True, kw_only=True):
         columns = self.columns()
         present = [name for name in self.optional_columns() if getattr(self, name)]
         for names in ((*columns, *present), self.event_columns()):
-            lengths = {name: len(getattr(self, name)) for name in names}
-            if len(set(lengths.values())) > 1:
+            if len({len(getattr(self, name)) for name in names}) > 1:
+                lengths = {name: len(getattr(self, name)) for name in names}
                 raise ValueError(f"{type(self).__name__}: columns of different lengths: {lengths}")
 
     @classmethod

@@ -41,11 +41,10 @@ class ViewMap:
 
     def depth_at(self, places: Array) -> Array:
         """Return (n,) metres to the border of the view, negative outside, of (n, 2) places (clamped to the map)."""
-        last_row, last_column = self.depth.shape[0] - 1, self.depth.shape[1] - 1
+        rows, columns = self.depth.shape
         cells = ((places - self.origin) / self.cell).astype(np.int64)
-        found: Array = self.depth[
-            np.minimum(np.maximum(cells[:, 1], 0), last_row), np.minimum(np.maximum(cells[:, 0], 0), last_column)
-        ]
+        cells = np.minimum(np.maximum(cells, 0), (columns - 1, rows - 1))
+        found: Array = self.depth[cells[:, 1], cells[:, 0]]
         return found
 
 

@@ -82,9 +82,11 @@ class AnonymousTracker:
 
     def _frame(self, chunk: Chunk) -> TrackFrame:
         tracks = self.positions.tracks
-        told = np.flatnonzero(self.positions.told())
-        mean, fed = tracks.mean[told], tracks.fed[told].tolist()
+        told = self.positions.told().nonzero()[0]
+        x, y, vx, vy = tracks.mean.take(told, axis=0).T.tolist()
+        fed = tracks.fed.take(told).tolist()
         names = self.positions.cameras
+        sources = {mask: [name for bit, name in enumerate(names) if mask >> bit & 1] for mask in set(fed)}
         count = len(told)
         columns: dict[str, Any] = {
             "track": tracks.ids[told].tolist(),
@@ -93,7 +95,7 @@ class AnonymousTracker:
             "runner_up": [None] * count,
             "runner_up_probability": [0.0] * count,
             "former": [[] for _ in range(count)],
-            "sources": [[name for bit, name in enumerate(names) if mask >> bit & 1] for mask in fed],
+            "sources": [sources[mask].copy() for mask in fed],
         }
         self._name(columns)
         return TrackFrame(
@@ -102,11 +104,11 @@ class AnonymousTracker:
             chunk=chunk.index,
             tracker=self.name,
             floor=[self.positions.view.floor] * count,
-            x=mean[:, 0].tolist(),
-            y=mean[:, 1].tolist(),
-            vx=mean[:, 2].tolist(),
-            vy=mean[:, 3].tolist(),
-            covariance=pack_covariances(tracks.spread()[told]),
+            x=x,
+            y=y,
+            vx=vx,
+            vy=vy,
+            covariance=pack_covariances(tracks.spread().take(told, axis=0)),
             state=["confirmed" if mask else "coasting" for mask in fed],
             quality=tracks.quality[told].tolist(),
             **columns,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from services.fusion.area_view import AreaView
 from services.fusion.positions import kalman_bank
 from services.fusion.positions.assignment import assign
-from services.fusion.positions.believable import believable
+from services.fusion.positions.believable import limits, usable
 from services.fusion.positions.camera_clocks import CameraClocks
 from services.fusion.positions.settings import AnonymousSettings
 from services.fusion.positions.track_table import TrackTable
@@ -32,6 +32,7 @@ __all__ = ["AnonymousLayer", "AnonymousSettings", "TrackTable"]
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+Rows = Integers | slice
 
 MOST_CAMERAS = 63
 """Which cameras fed a track is kept as bits of a signed 64-bit integer."""
@@ -40,6 +41,8 @@ LIFETIMES = 3.0
 SLACK = 1e-6
 """Of probabilities, so that as many misses mean the same at any time of day."""
 DEAD = math.exp(-LIFETIMES) * (1.0 + SLACK)
+MATRIX = np.array([2, 3, 3, 4])
+"""Of x, y, xx, xy, yy: those that make a covariance."""
 QUALITY_TIME = 3.0
 """Seconds over which ``quality`` averages."""
 
@@ -67,6 +70,7 @@ class AnonymousLayer:
         self.ignored: Counter[str] = Counter()
         self._next_id = 1
         self._last_frame: dict[str, float] = {}
+        self._limits = limits(view.lower, view.upper)
 
     def begin_chunk(self) -> None:
         """Forget which cameras fed the tracks before."""
@@ -134,19 +138,16 @@ class AnonymousLayer:
 
         The order in which a detector lists people means nothing; sorted, it cannot change a bit of the result.
         """
-        rows = np.array(
-            [(x, y, *c, p) for x, y, c, p in zip(frame.x, frame.y, frame.covariance, frame.confidence, strict=True)],
-            dtype=np.float64,
-        ).reshape(-1, 6)
-        if len(rows):
-            usable: Flags = np.isfinite(rows).all(axis=1) & believable(rows[:, 2:5])
-            usable &= ((rows[:, :2] >= self.view.lower) & (rows[:, :2] <= self.view.upper)).all(axis=1)
-            if not usable.all():
-                self.ignored["detection off the floor or without an extent"] += int(len(rows) - usable.sum())
-                rows = rows[usable]
-            if len(rows) > 1:
-                rows = rows[np.lexsort(rows.T)]
-        return rows[:, :2], rows[:, [2, 3, 3, 4]].reshape(-1, 2, 2), rows[:, 5]
+        if not frame.x:
+            return np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0)
+        columns = np.array([frame.x, frame.y, *zip(*frame.covariance, strict=True), frame.confidence])
+        good = usable(columns, *self._limits)
+        useless = len(good) - int(np.count_nonzero(good))
+        if useless:
+            self.ignored["detection off the floor or without an extent"] += useless
+            columns = columns[:, good]
+        columns = columns.take(np.lexsort(columns), axis=1)
+        return columns[:2].T, columns.take(MATRIX, axis=0).T.reshape(-1, 2, 2), columns[5]
 
     def _advance(self, t: float) -> None:
         tracks, s = self.tracks, self.settings
@@ -158,8 +159,8 @@ class AnonymousLayer:
                     tracks.mean[resting], tracks.covariance[resting], dt, s.rest_diffusion, s.start_speed
                 )
             kalman_bank.predict(tracks.mean, tracks.covariance, dt, s.acceleration)
-            unseen = tracks.missed > 0.0
-            if unseen.any():
+            unseen = (tracks.missed > 0.0).nonzero()[0]
+            if len(unseen):
                 tracks.mean[unseen, 2:] *= math.exp(-dt / s.slow_down)
             if len(resting):
                 tracks.mean[resting], tracks.covariance[resting] = held
@@ -174,42 +175,57 @@ class AnonymousLayer:
         free = np.arange(found)
         if not count:
             return free
-        hit = np.zeros(count, np.bool_)
+        unseen = np.ones(count, np.bool_)
         if found:
             distance, mahalanobis, log_det = kalman_bank.innovations(
                 tracks.mean, tracks.covariance, positions, noise, lag
             )
             log_det += np.where(tracks.confirmed, -2.0 * np.log(tracks.existence), s.tentative_penalty)[:, None]
             near = distance < s.gate_distance**2
-            if tracks.resting.any():
+            if np.count_nonzero(tracks.resting):
                 near &= ~tracks.resting[:, None] | (distance < s.rest_gate**2)
             near &= (mahalanobis < s.gate**2) & np.isfinite(log_det)
             cost = np.where(near, mahalanobis + log_det, s.dearest)
             rows, columns = assign(cost, s.dearest)
             if len(rows):
-                self._feed(rows, camera, clock, lag, positions[columns], noise[columns], confidence[columns])
-                hit[rows] = True
+                unseen[rows] = False
+                seen: Rows = rows
+                if len(rows) == count:
+                    # Everybody, as nearly always where few people are about: columns are faster read whole.
+                    seen, columns = slice(None), columns[rows.argsort()]
+                given = positions.take(columns, axis=0), noise.take(columns, axis=0), confidence.take(columns)
+                self._feed(seen, camera, clock, lag, given, interval)
                 if len(columns) < found:
                     # What lies beside an established track, or beside one another camera just saw, is its double.
-                    established = tracks.confirmed | (
-                        (tracks.camera != camera) & (self.t - lag - tracks.seen < s.confirm_age)
+                    established = tracks.confirmed
+                    if len(self.cameras) > 1:
+                        just_seen = self.t - lag - tracks.seen < s.confirm_age
+                        established = established | (just_seen & (tracks.camera != camera))
+                    alone: Flags = ~np.logical_or.reduce(
+                        established[:, None] & (distance < s.birth_exclusion**2), axis=0
                     )
-                    alone = ~(established[:, None] & (distance < s.birth_exclusion**2)).any(axis=0)
                     alone[columns] = False
                     free = alone.nonzero()[0]
                 else:
                     free = free[:0]
-        self._grade(hit, interval)
-        if not hit.all():
+        missed = unseen.nonzero()[0]
+        if len(missed):
             if interval:
-                self._count_misses(camera, self.t - lag, ~hit, interval)
-            self._bury(~hit, self.t - lag)
+                self._count_misses(camera, self.t - lag, missed, interval)
+            self._bury(unseen, self.t - lag)
         return free
 
     def _feed(
-        self, rows: Integers, camera: int, clock: float, lag: float, positions: Array, noise: Array, weight: Array
+        self,
+        rows: Rows,
+        camera: int,
+        clock: float,
+        lag: float,
+        given: tuple[Array, Array, Array],
+        interval: float,
     ) -> None:
         tracks, s = self.tracks, self.settings
+        positions, noise, weight = given
         t = self.t - lag
         common = s.lasting * noise
         if len(self.cameras) > 1:
@@ -227,18 +243,19 @@ class AnonymousLayer:
         settled = np.exp((seen - newer) / s.still_time)[:, None]
         tracks.anchor[rows] = mean[:, :2] + settled * (tracks.anchor[rows] - mean[:, :2])
         tracks.seen[rows] = newer
-        if not tracks.walked.all():
+        if np.count_nonzero(tracks.walked) < len(tracks.walked):
             tracks.walked[rows] |= ((mean[:, :2] - tracks.origin[rows]) ** 2).sum(axis=1) > s.walked**2
-        if tracks.resting.any():
-            tracks.woke[rows[tracks.resting[rows]]] = t
+        if np.count_nonzero(tracks.resting):
+            tracks.woke[rows] = np.where(tracks.resting[rows], t, tracks.woke[rows])
             tracks.resting[rows] = False
         tracks.missed[rows] = 0.0
         tracks.existence[rows] = 1.0
         tracks.hits[rows] += 1
         tracks.score[rows] += weight
+        tracks.quality[rows] = 1.0 - math.exp(-interval / QUALITY_TIME) * (1.0 - tracks.quality[rows])
         tracks.camera[rows] = camera
         tracks.fed[rows] |= 1 << camera
-        if not tracks.confirmed.all():
+        if np.count_nonzero(tracks.confirmed) < len(tracks.confirmed):
             grown = (
                 ~tracks.confirmed
                 & (tracks.score >= s.confirm_confidence)
@@ -270,37 +287,36 @@ class AnonymousLayer:
         if tracks.resting[old]:
             tracks.existence[old] = 0.0
 
-    def _grade(self, hit: Flags, interval: float) -> None:
-        """Let the quality of tracks that were seen rise."""
-        quality = self.tracks.quality
-        quality[hit] = 1.0 - math.exp(-interval / QUALITY_TIME) * (1.0 - quality[hit])
-
-    def _count_misses(self, camera: int, t: float, unseen: Flags, interval: float) -> None:
+    def _count_misses(self, camera: int, t: float, rows: Integers, interval: float) -> None:
         """A track is missed by a camera that sees its place, did not see it, and has nobody else who just did.
 
         Args:
             camera: number of the camera.
             t: time of its frame.
-            unseen: (n,) tracks that it did not see.
+            rows: (m,), of the tracks that it did not see.
             interval: seconds since its frame before; of a longer silence, ``longest_interval`` of it.
         """
         tracks, s = self.tracks, self.settings
-        rows = unseen.nonzero()[0]
-        places, seen = tracks.mean[rows, :2], tracks.seen[rows]
-        depth = self.view.everywhere.depth_at(places)
-        looks = depth <= 0.0
-        looks |= self.view.views[self.cameras[camera]].depth_at(places) > 0.0 if len(self.cameras) > 1 else True
-        looks &= t - seen >= 0.9 * interval
-        rows, places, depth, seen = rows[looks], places[looks], depth[looks], seen[looks]
+        looks: Flags = t - tracks.seen[rows] >= 0.9 * interval
+        if len(self.cameras) > 1:
+            places = tracks.mean[rows, :2]
+            sees = self.view.views[self.cameras[camera]].depth_at(places) > 0.0
+            looks &= sees | (self.view.everywhere.depth_at(places) <= 0.0)
+        rows = rows[looks]
         if len(rows):
+            places, seen = tracks.mean[rows, :2], tracks.seen[rows]
             # However many cameras look, a second without a detection is one second.
-            elapsed = np.minimum(np.maximum(t - np.maximum(seen, tracks.looked[rows]), 0.0), interval)
-            tracks.looked[rows] = np.maximum(tracks.looked[rows], t)
-            tracks.missed[rows] += elapsed
+            looked = tracks.looked[rows]
+            elapsed = np.minimum(np.maximum(t - np.maximum(seen, looked), 0.0), interval)
+            tracks.looked[rows] = np.maximum(looked, t)
+            missed = tracks.missed[rows] + elapsed
+            tracks.missed[rows] = missed
             tracks.quality[rows] *= np.exp(-elapsed / QUALITY_TIME)
             still = ((places - tracks.anchor[rows]) ** 2).sum(axis=1) < s.still_radius**2
-            tracks.resting[rows] |= still & tracks.confirmed[rows] & tracks.walked[rows] & (tracks.missed[rows] > 0.0)
-            tracks.existence[rows] *= np.exp(-self._hazard(rows, places, depth) * elapsed)
+            still &= missed > 0.0
+            if np.count_nonzero(still):
+                tracks.resting[rows] |= still & tracks.confirmed[rows] & tracks.walked[rows]
+            tracks.existence[rows] *= np.exp(-self._hazard(rows, places) * elapsed)
 
     def _bury(self, unseen: Flags, t: float) -> None:
         """Let go of who has surely left, at any frame rate."""
@@ -309,24 +325,24 @@ class AnonymousLayer:
         if dead.any():
             tracks.keep(~dead)
 
-    def _hazard(self, rows: Integers, places: Array, depth: Array) -> Array:
+    def _hazard(self, rows: Integers, places: Array) -> Array:
         """Return (m,) by how much of itself each second of misses lowers the existence of tracks in ``rows``.
 
         Args:
             rows: (m,).
             places: (m, 2) metres.
-            depth: (m,) metres inside the view.
         """
         tracks, s = self.tracks, self.settings
-        resting = tracks.resting[rows] & (depth >= s.leaving_depth)
-        ahead = self.view.everywhere.depth_at(places + s.look_ahead * tracks.mean[rows, 2:])
-        coast = np.where(resting, s.rest, s.coast)
-        report = np.where(resting, s.rest_report, s.report)
+        soon = places + s.look_ahead * tracks.mean[rows, 2:]
+        depth, ahead = self.view.everywhere.depth_at(np.concatenate([places, soon])).reshape(2, -1)
+        resting = tracks.resting[rows]
         fade = -math.log(s.told)
-        hazard = np.where(
-            tracks.existence[rows] > s.told * (1.0 + SLACK), fade / report, (LIFETIMES - fade) / (coast - report)
-        )
-        hazard[~tracks.resting[rows] & (ahead < np.minimum(depth, s.leaving_depth))] = LIFETIMES / s.coast_leaving
+        told = tracks.existence[rows] > s.told * (1.0 + SLACK)
+        hazard: Array = np.where(told, fade / s.report, (LIFETIMES - fade) / (s.coast - s.report))
+        if np.count_nonzero(resting):
+            held = np.where(told, fade / s.rest_report, (LIFETIMES - fade) / (s.rest - s.rest_report))
+            hazard = np.where(resting & (depth >= s.leaving_depth), held, hazard)
+        hazard[~resting & (ahead < np.minimum(depth, s.leaving_depth))] = LIFETIMES / s.coast_leaving
         hazard[~tracks.confirmed[rows]] = LIFETIMES / s.tentative_patience
         return hazard
 

@@ -13,6 +13,9 @@ __all__ = ["hold", "innovations", "predict", "start", "update"]
 
 Array = NDArray[np.float64]
 
+ADJUGATE = np.array([[1.0, -1.0], [-1.0, 1.0]])
+"""Signs of the adjugate of a 2 × 2 matrix."""
+
 
 def start(positions: Array, noise: Array, speed: float) -> tuple[Array, Array]:
     """Return mean (n, 4) and covariance (n, 4, 4) of filters that have seen one position each.
@@ -44,7 +47,7 @@ def predict(mean: Array, covariance: Array, dt: float, acceleration: float) -> N
     speed = covariance[:, 2:, 2:]
     covariance[:, :2, :2] += dt * (cross + cross.transpose(0, 2, 1)) + dt**2 * speed
     cross += dt * speed
-    covariance += acceleration * _white_acceleration(dt)
+    covariance += _white_acceleration(dt, acceleration)
     covariance[:, 2:, :2] = cross.transpose(0, 2, 1)
 
 
@@ -108,11 +111,8 @@ def update(mean: Array, covariance: Array, positions: Array, noise: Array, lag: 
     expected, spread = _expectation(mean, covariance, lag)
     spread = spread + noise
     determinant = spread[:, 0, 0] * spread[:, 1, 1] - spread[:, 0, 1] ** 2
-    inverse = np.empty_like(spread)
-    inverse[:, 0, 0] = spread[:, 1, 1]
-    inverse[:, 1, 1] = spread[:, 0, 0]
-    inverse[:, 0, 1] = inverse[:, 1, 0] = -spread[:, 0, 1]
-    inverse /= determinant[:, None, None]
+    # Of a symmetric matrix read backwards, the off-diagonal negated: the adjugate.
+    inverse = spread[:, ::-1, ::-1] * ADJUGATE / determinant[:, None, None]
     towards = covariance[:, :, :2] if lag == 0.0 else covariance[:, :, :2] - lag * covariance[:, :, 2:]
     gain = towards[:, :, :1] * inverse[:, None, 0] + towards[:, :, 1:] * inverse[:, None, 1]
     surprise = positions - expected
@@ -134,7 +134,8 @@ def _expectation(mean: Array, covariance: Array, lag: float) -> tuple[Array, Arr
     return mean[:, :2] - lag * mean[:, 2:], spread
 
 
-def _white_acceleration(dt: float) -> Array:
-    """Return the (4, 4) covariance that unit white acceleration adds over ``dt`` seconds."""
-    near, far = dt**3 / 3.0, dt**2 / 2.0
-    return np.array([[near, 0, far, 0], [0, near, 0, far], [far, 0, dt, 0], [0, far, 0, dt]])
+def _white_acceleration(dt: float, density: float) -> Array:
+    """Return the (4, 4) covariance that white acceleration of a spectral density adds over ``dt`` seconds."""
+    place, both, speed = density * (dt**3 / 3.0), density * (dt**2 / 2.0), density * dt
+    flat = [place, 0.0, both, 0.0, 0.0, place, 0.0, both, both, 0.0, speed, 0.0, 0.0, both, 0.0, speed]
+    return np.array(flat).reshape(4, 4)
