@@ -46,6 +46,14 @@ PUBLISHED = Counter("atrium_bus_published_total", "Messages published", ["kind"]
 CONNECTED = Gauge("atrium_bus_connected", "1 while a router is reachable")
 
 
+QUEUE = 16
+"""Messages of one priority that wait for a link, the most Zenoh takes. Its default of two is less than the cameras of
+one area send at once: the others were lost whenever a link's thread, or its reader, was not scheduled within 1 ms."""
+LONGEST_WAIT = 20_000
+"""Microseconds a message that may be dropped waits for room in a full queue; once one was dropped, others do not wait.
+Less than the interval of a camera, so that a camera whose bus is crowded loses frames and falls not behind."""
+
+
 class BusError(RuntimeError):
     """The bus could not be opened: the text names the endpoint and the reason."""
 
@@ -320,4 +328,6 @@ def _reason(error: zenoh.ZError) -> str:
 def _common(config: zenoh.Config) -> None:
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("scouting/gossip/enabled", "false")
+    config.insert_json5("transport/link/tx/queue/size/data", str(QUEUE))
+    config.insert_json5("transport/link/tx/queue/congestion_control/drop/wait_before_drop", str(LONGEST_WAIT))
     config.insert_json5("timestamping/enabled", "true")  # caches order their samples by it

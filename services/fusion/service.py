@@ -61,6 +61,9 @@ class FusionService(Service[FusionSettings]):
     QUIET: ClassVar[float] = 1.0
     """Seconds without a frame after which a withdrawal of consent does not wait for one."""
 
+    BEHIND: ClassVar[int] = 16
+    """Frames of a camera that wait at most: a second, after which older ones give way."""
+
     def __init__(self, settings: FusionSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
         self.area = _area_of(settings, site)
@@ -125,7 +128,7 @@ class FusionService(Service[FusionSettings]):
         self.bus.answer(self.keys.fusion_state(self.area), self.answer_state)
         self.bus.answer_questions(self.keys.rescore(self.area), self._desk.take)
         for camera in sorted(self._cameras):
-            self._inbox.subscribe(self.keys.detections(camera), DetectionFrame, newest=True)
+            self._inbox.subscribe(self.keys.detections(camera), DetectionFrame, newest=True, depth=self.BEHIND)
         self._inbox.subscribe(self.keys.radio(), RadioScan)
         self._inbox.subscribe(self.keys.motion(), MotionBatch)
         # Cached: whoever withdrew consent while this process was down is in the state it restored.

@@ -5,13 +5,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 import zenoh
 from prometheus_client import REGISTRY
 from waiting import wait_until
 
-from shared.bus import Bus, BusError, BusTimeoutError, Inbox, router
+from shared.bus import LONGEST_WAIT, QUEUE, Bus, BusError, BusTimeoutError, Inbox, router
 from shared.keys import Keys
 from shared.messages import CameraStatus, DetectionFrame, Message, RadioScan
 
@@ -337,3 +338,10 @@ def test_a_router_cannot_listen_where_another_does(zenoh_router: str) -> None:
 
 def close(session: zenoh.Session) -> None:
     session.close()  # type: ignore[no-untyped-call]
+
+
+def test_the_router_that_is_deployed_lets_as_many_messages_wait_as_the_local_one() -> None:
+    deployed = zenoh.Config.from_file(str(Path(__file__).parents[2] / "deploy" / "zenoh" / "router.json5"))
+    assert int(deployed.get_json("transport/link/tx/queue/size/data")) == QUEUE
+    drop = "transport/link/tx/queue/congestion_control/drop/wait_before_drop"
+    assert int(deployed.get_json(drop)) == LONGEST_WAIT
