@@ -48,9 +48,10 @@ EXPERIMENT = Experiment(
 areas of a trial together: RMSE of each carrier in each minute, over the times in view. `evidence` (the shipped
 tracker), `rbmcda` (the study's particle filter, 100 particles) and `forces` (the same with social forces) are causal,
 with 6 of the 12 access points, radio constants unknown, steps from raw inertial samples through the gateway's own dead
-reckoning; where one gives a phone no position the last one is held. `rbmcda` takes one cycle a second, links
-detections from frame to frame where that is unambiguous, carries what each access point is off in its state, and weighs
-every device by itself; the study published none of this. `radio` (Horus, 12 access points, surveyed), `vision`
+reckoning; where one gives a phone no position the last one is held. `rbmcda` takes one cycle a second, of
+the people whom the anonymous layer follows from frame to frame, holds walks against their paths once phones have told
+them, carries what each access point is off in its state, and weighs every device by itself; the study published none of
+this. `radio` (Horus, 12 access points, surveyed), `vision`
 (RBMCDA once a second) and `cv` (nearest neighbour, every frame) are the plain methods of `anchors`; anonymous tracks
 are matched to people minute by minute, with the truth's help, which the trackers do not have.
 `evloc` pairs `cv` tracks with phones minute by minute.""",

@@ -104,7 +104,7 @@ def one_cycle(particles: list[list[Target]], cycle: Cycle, settings: RbmcdaSetti
         used: set[int] = set()
         anew = set()
         for k, (mean, covariance, evidence) in cycle.anew.items():
-            if draws.jump[n, k] < settings.jump:
+            if draws.jump[n, k] < (settings.jump if particle[k].fed else settings.jump_unseen):
                 particle[k].x, particle[k].spread, particle[k].link = mean.copy(), covariance.copy(), -1
                 growth[k] = math.exp(evidence)
                 anew.add(k)
@@ -113,12 +113,13 @@ def one_cycle(particles: list[list[Target]], cycle: Cycle, settings: RbmcdaSetti
             x, spread = (target.x, target.spread) if k in anew else updated(target, cycle, k, None)
             after_scan = Target(x, spread, 0.0)
             same = [m for m in range(len(cycle.places)) if cycle.link[m] == target.link]
-            loose = settings.switched if same else 1.0
+            loose = sum(cycle.switched[m] for m in same) if same else 1.0
             events = [loose * (1.0 - cycle.detection[k] * in_view(after_scan, cycle))]
             for m, place in enumerate(cycle.places):
-                prior = loose * cycle.detection[k] / cycle.density
                 if m in same:
-                    prior = (1.0 - settings.switched) / cycle.stranger[m]
+                    events.append((1.0 - cycle.switched[m]) * cycle.favour[k, m])
+                    continue
+                prior = loose * cycle.detection[k] / cycle.density * cycle.pickup[m]
                 likelihood = density(place - x[:2], spread[:2, :2] + cycle.place_noise[m])
                 events.append(prior * likelihood * (settings.merged if m in used else 1.0))
             total = sum(events)

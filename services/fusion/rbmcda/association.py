@@ -7,8 +7,9 @@ assignment, which is drawn device by device (§6.5b): nobody is updated twice, n
 people merged in one box), a device takes only composites of its own, and there is one of each. The weight grows by
 the sum over the events, whose draw is thereby exact.
 
-A sighting that is linked to the cycle before has a place that is no surprise: it is compared with where a stranger
-would have gone, not with clutter. What is left as evidence is whether it moves as the phone says."""
+A sighting that is linked to the cycle before has a place that is no surprise, and that others may be the same person
+was weighed when the link was taken: weighed again each cycle, it would drive a device off whomever another thinks to
+be. What is left as evidence is whether the person walked as the phone says, against how a stranger walks."""
 
 from __future__ import annotations
 
@@ -132,8 +133,9 @@ def draw_assignment(
     density: float,
     merged: float,
     linked: Indices,
-    switched: float,
-    stranger: Array,
+    switched: Array,
+    favour: Array,
+    pickup: Array,
     order: Indices,
     uniform: Array,
 ) -> tuple[Indices, Array]:
@@ -147,8 +149,9 @@ def draw_assignment(
         density: of sightings, 1/m².
         merged: probability that a sighting is two people's.
         linked: (N, X) which sighting surely is whom the device was seen as in the cycle before; -1 for none.
-        switched: probability that it is not, after all.
-        stranger: (d,) density of a linked sighting if it is somebody else, 1/m².
+        switched: (d,) probability that it is not, after all.
+        favour: (X, d) by what factor walks make it likelier that a device is who it was linked to.
+        pickup: (d,) factor on the density at which a device that was not linked is taken for a sighting.
         order: (X,) in which devices are drawn.
         uniform: (N, X) draws.
 
@@ -158,24 +161,26 @@ def draw_assignment(
     """
     particles, devices = state.shape
     seen_as = np.full((particles, devices), -1, np.int64)
-    free = np.ones((len(stranger), particles))
+    free = np.ones((len(pickup), particles))
     total = np.ones((particles, devices))
-    place = np.empty(len(stranger) + 1, np.int64)
+    place = np.empty(len(pickup) + 1, np.int64)
     for device in order.tolist():
         mine = composites[device].sighting
         place.fill(-1)
         place[mine] = np.arange(len(mine))
         partner = place[linked[:, device]]
-        loose = np.where(partner >= 0, switched, 1.0)
+        rows = np.flatnonzero(partner >= 0)
+        same = mine[partner[rows]]
+        loose = np.ones(particles)
+        loose[rows] = switched[same]
         levels = np.empty((len(mine) + 1, particles))
         levels[0] = loose * (1.0 - detection[device] * in_view[:, device])
         events = levels[1:]
         np.take(composites[device].likelihood, state[:, device], axis=1, out=events, mode="clip")
         events *= free[mine]
-        rows = np.flatnonzero(partner >= 0)
-        surely = events[partner[rows], rows] * ((1.0 - switched) / stranger[mine[partner[rows]]])
+        events *= pickup[mine, None]
         events *= loose * (detection[device] / density)
-        events[partner[rows], rows] = surely
+        events[partner[rows], rows] = (1.0 - switched[same]) * favour[device, same]
         np.cumsum(levels, axis=0, out=levels)
         total[:, device] = levels[-1]
         event = (levels[:-1] <= uniform[:, device] * levels[-1]).sum(axis=0)

@@ -131,7 +131,9 @@ class Cycle:
         places: (d, 2) sightings.
         place_noise: (d, 2, 2) m².
         link: (d,) numbers, all different, that a sighting keeps from cycle to cycle while it is surely the same person.
-        stranger: (d,) density of each place if its link is somebody else's, 1/m².
+        switched: (d,) probability that the person seen is not who the link says.
+        favour: (X, d) by what factor walks make it likelier that a device is on a link.
+        pickup: (d,) factor on the density at which a device on no link is taken for a sighting.
         detection: (X,) probability that a device in view is seen.
         in_view: from places (n, 2) to how surely they are in the view of a camera that looked, (n,).
         density: of sightings, 1/m².
@@ -156,7 +158,9 @@ class Cycle:
     places: Array
     place_noise: Array
     link: Indices
-    stranger: Array
+    switched: Array
+    favour: Array
+    pickup: Array
     detection: Array
     in_view: Callable[[Array], Array]
     density: float
@@ -268,7 +272,8 @@ def run_cycle(before: Particles, cycle: Cycle, settings: RbmcdaSettings, draws: 
     """Predict, take in scans and sightings, weigh, estimate, and draw the particles anew where too few count."""
     jumps = np.zeros(before.fed.shape, np.bool_)
     fresh = list(cycle.anew)
-    jumps[:, fresh] = draws.jump[:, fresh] < settings.jump
+    rate = np.where(before.fed[:, fresh], settings.jump, settings.jump_unseen)
+    jumps[:, fresh] = draws.jump[:, fresh] < rate
     jumpers = np.asarray(jumps.any(axis=0))
     bank = _Bank.of(before, jumpers, cycle.push is not None)
     _predict(bank, cycle)
@@ -289,8 +294,9 @@ def run_cycle(before: Particles, cycle: Cycle, settings: RbmcdaSettings, draws: 
         cycle.density,
         settings.merged,
         linked_to(cycle.link, np.where(jumps, -1, before.link)),
-        settings.switched,
-        cycle.stranger,
+        cycle.switched,
+        cycle.favour,
+        cycle.pickup,
         draws.order,
         draws.uniform,
     )

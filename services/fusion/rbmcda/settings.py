@@ -52,12 +52,24 @@ class RbmcdaSettings:
     fresh: float = 0.35
     """Seconds before a camera's newest frame within which what it saw still counts."""
     same: float = 0.5
-    """Metres within which two people have met, and are not linked to who they were before."""
-    switched: float = 0.03
-    """Probability per cycle that a link is wrong after all, or ends."""
-    jump: float = 0.02
+    """Metres within which two people have met, and are not linked to who they were before; for the vision-only
+    filter."""
+    switched: float = 0.005
+    """Probability per cycle that who is followed is not the same person any more …"""
+    met: float = 0.1
+    """… and how much more of two who stand on one spot; ``met_range`` metres apart it is a third of that."""
+    met_range: float = 0.6
+    pickup: float = 0.2
+    """Factor on the density at which a device that is on nobody is taken for somebody followed for longer than
+    ``young`` seconds: whoever that is was there before."""
+    young: float = 1.5
+    trust_motion: float = 0.7
+    """Share of the evidence of phones' walks that is believed."""
+    jump: float = 0.002
     """Probability per cycle that nothing before counts and a device may be anywhere again: the way back from a
-    stranger on whom all particles have settled; 0 for the original."""
+    stranger on whom all particles have settled; 0 for the original …"""
+    jump_unseen: float = 0.02
+    """… and of one that no camera saw in the last cycle: a single Gaussian of the unseen loses its way."""
     separate: bool = True
     """Whether every device weighs and draws its particles for itself, which a hundred particles need for more than two
     or three devices; the original weighs them together."""

@@ -45,25 +45,23 @@ class Sightings:
         places: (d, 2) metres.
         noise: (d, 2, 2) m².
         link: (d,) numbers that stay the same as long as it is surely the same person.
-        expected: (d,) density in 1/m² of the place, if the link is a stranger's, who moves as in the cycle before.
         cameras: that saw each.
     """
 
     places: Array
     noise: Array
     link: Indices
-    expected: Array
     cameras: list[list[str]]
 
     def state(self) -> dict[str, Any]:
         """Return them as a state holds them."""
-        arrays = {name: getattr(self, name) for name in ("places", "noise", "link", "expected")}
+        arrays = {name: getattr(self, name) for name in ("places", "noise", "link")}
         return {**arrays, "cameras": self.cameras}
 
     @classmethod
     def of(cls, state: dict[str, Any]) -> Sightings:
         """Return the sightings of ``state()``."""
-        arrays = {name: unpack(state[name]) for name in ("places", "noise", "link", "expected")}
+        arrays = {name: unpack(state[name]) for name in ("places", "noise", "link")}
         return cls(**arrays, cameras=[[str(name) for name in cameras] for cameras in state["cameras"]])
 
 
@@ -74,7 +72,7 @@ class SightingLinks:
         self._lower, self._upper, self._settings = lower, upper, settings
         self._next = 1
         self._place, self._noise = np.zeros((0, 2)), np.zeros((0, 2, 2))
-        self._t, self._before, self._moved = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2))
+        self._t = np.zeros(0)
         self._link, self._hits = np.zeros(0, np.int64), np.zeros(0, np.int64)
         self._cameras: list[set[str]] = []
 
@@ -92,15 +90,12 @@ class SightingLinks:
         told = np.flatnonzero(fresh)
         lag = PACE * np.maximum(t - self._t[told], 0.0)
         extra = self._settings.camera**2 + lag**2
-        moved = self._place - self._before
         sightings = Sightings(
             places=self._place[told],
             noise=self._noise[told] + extra[:, None, None] * np.eye(2),
             link=self._link[told],
-            expected=_stranger(moved[told], self._moved[told]),
             cameras=[sorted(self._cameras[index]) for index in told.tolist()],
         )
-        self._moved, self._before = np.where(fresh[:, None], moved, 0.0), self._place.copy()
         self._keep(self._t >= t - 2.0 * self._settings.fresh)
         return sightings, nonsense
 
@@ -138,8 +133,6 @@ class SightingLinks:
             np.concatenate([self._noise, spread[new]]),
         )
         self._t = np.concatenate([self._t, np.full(count, frame.t)])
-        self._before = np.concatenate([self._before, spots[new]])
-        self._moved = np.concatenate([self._moved, np.zeros((count, 2))])
         self._link = np.concatenate([self._link, self._next + np.arange(count)])
         self._hits = np.concatenate([self._hits, np.ones(count, np.int64)])
         self._cameras += [{frame.camera} for _ in range(count)]
@@ -160,16 +153,7 @@ class SightingLinks:
         self._cameras = [self._cameras[index] for index in np.flatnonzero(rows).tolist()]
 
 
-_COLUMNS = ("place", "noise", "t", "before", "moved", "link", "hits")
-
-
-def _stranger(moved: Array, before: Array) -> Array:
-    """Return (d,) the density of a displacement after the one before: people go on as they did, but not always."""
-    sigma = 0.25 + 0.35 * np.linalg.norm(before, axis=1)
-    steady = np.exp(-0.5 * ((moved - before) ** 2).sum(axis=1) / sigma**2) / (2.0 * np.pi * sigma**2)
-    anew = np.exp(-0.5 * (moved**2).sum(axis=1)) / (2.0 * np.pi)
-    density: Array = 0.7 * steady + 0.3 * anew
-    return density
+_COLUMNS = ("place", "noise", "t", "link", "hits")
 
 
 def _usable(frame: DetectionFrame, lower: Array, upper: Array) -> tuple[Array, Array, int]:

@@ -1,4 +1,9 @@
-"""The original identity filter as a tracker: one cycle a second, every phone that is heard, nobody else."""
+"""The original identity filter as a tracker: one cycle a second, every phone that is heard, nobody else.
+
+Added to the original, besides what ``particles`` says: sightings are the people whom the anonymous layer follows
+through all frames (``followed``), and a walk speaks for who is followed when the phone has told it, against a
+stranger's walk (``walk_evidence``), not by the prediction of the cycle alone.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +22,7 @@ from services.fusion.area_view import AreaView
 from services.fusion.forces import ForceSettings, Obstacles, displacement
 from services.fusion.rbmcda.births import birth
 from services.fusion.rbmcda.constants import Constants
+from services.fusion.rbmcda.followed import FollowedPeople
 from services.fusion.rbmcda.generators import generator_of, generator_state
 from services.fusion.rbmcda.inertial import Displacement, WalkLog
 from services.fusion.rbmcda.learned_obstacles import LearnedObstacles
@@ -24,7 +30,7 @@ from services.fusion.rbmcda.particles import Cycle, Draws, Estimate, Particles, 
 from services.fusion.rbmcda.present import carried_on
 from services.fusion.rbmcda.readings import Readings
 from services.fusion.rbmcda.settings import RbmcdaSettings
-from services.fusion.rbmcda.sightings import SightingLinks, Sightings
+from services.fusion.rbmcda.sightings import Sightings
 from services.fusion.rbmcda.surroundings import Surroundings
 from services.fusion.snapshot import counts, encode_snapshot, unpack
 from services.fusion.tracker import Chunk, TrackerStateError
@@ -59,7 +65,7 @@ class RbmcdaTracker:
         self._walks: dict[str, WalkLog] = {}
         self._readings = Readings(self.view.radio.names, self.settings)
         self._constants = Constants(self._around.bias, self._around.shared)
-        self._links = SightingLinks(self.view.lower, self.view.upper, self.settings)
+        self._people = FollowedPeople(self.view, self.settings)
         self._t, self._done = -math.inf, -math.inf
         self._held: tuple[float, Sightings, list[str]] | None = None
 
@@ -83,7 +89,7 @@ class RbmcdaTracker:
         self._t = t
         for device in [name for name in self._told if t - self._told[name] > self.settings.forget]:
             self._forget(device)
-        seen, nonsense = self._links.cycle(frames, t)
+        seen, nonsense = self._people.cycle(frames, t)
         self._ignore("detection without a place on the floor", nonsense)
         held, self._held = self._held, (t, seen, sorted({frame.camera for frame in frames}))
         if held is None:
@@ -136,7 +142,7 @@ class RbmcdaTracker:
                 "told": dict(self._told),
                 "walks": {device: walk.state() for device, walk in self._walks.items()},
                 "readings": self._readings.state(),
-                "links": self._links.state(),
+                "people": self._people.state(),
                 "constants": self._constants.state(),
                 "learned": None if self._learned is None else self._learned.state(),
                 "ignored": dict(self._count),
@@ -160,8 +166,8 @@ class RbmcdaTracker:
             walks = {device: WalkLog.of(walk) for device, walk in parts["walks"].items()}
             readings = Readings(self.view.radio.names, self.settings)
             readings.restore(parts["readings"])
-            links = SightingLinks(self.view.lower, self.view.upper, self.settings)
-            links.restore(parts["links"])
+            people = FollowedPeople(self.view, self.settings)
+            people.restore(parts["people"])
             constants = Constants(self._around.bias, self._around.shared)
             constants.restore(parts["constants"])
             learned = None
@@ -180,7 +186,7 @@ class RbmcdaTracker:
             raise TrackerStateError(f"not a state of tracker {self.name!r}: {error}") from error
         self._particles, self._walks, self._readings, self._generator = particles, walks, readings, generator
         self._devices, self._ids, self._next_id, self._told = devices, ids, next_id, told
-        self._links, self._constants, self._held, self._learned = links, constants, held, learned
+        self._people, self._constants, self._held, self._learned = people, constants, held, learned
         self._done = -math.inf if done is None else done
         self._t, self._count = -math.inf if t is None else t, count
 
@@ -204,6 +210,7 @@ class RbmcdaTracker:
             if motion.late or not abs(t - motion.t) < self.settings.forget:
                 self._ignore("motion report of another time")
             elif self._walk(motion.device).take(motion):
+                self._people.walks.take(motion)
                 self._told[motion.device] = max(motion.t, self._told.get(motion.device, motion.t))
             else:
                 self._ignore("motion report that ends before it begins")
@@ -212,6 +219,7 @@ class RbmcdaTracker:
         self._told.pop(device, None)
         self._walks.pop(device, None)
         self._readings.forget(device)
+        self._people.walks.forget(device)
         if device in self._devices:
             index = self._devices.index(device)
             self._particles = self._particles.without(index)
@@ -267,7 +275,9 @@ class RbmcdaTracker:
             places=seen.places,
             place_noise=seen.noise,
             link=seen.link,
-            stranger=seen.expected,
+            switched=self._switched(seen.places),
+            favour=np.exp(settings.trust_motion * self._people.walks.of_cycle(self._devices, t, seen.link)),
+            pickup=self._people.pickup(t, seen.link),
             detection=settings.detection_still + lasting * np.exp(-still / settings.fading),
             in_view=partial(self._around.in_view, live),
             density=max(len(seen.places), 1) / self._around.floor_seen(live),
@@ -277,6 +287,15 @@ class RbmcdaTracker:
             return cycle
         dt, obstacles = min(max(t - before, 0.0), self.cycle), self._learned.obstacles
         return replace(cycle, push=partial(_push, shift=shift, dt=dt, obstacles=obstacles))
+
+    def _switched(self, places: Array) -> Array:
+        """Return (d,) how probably each of the people at (d, 2) places has become another since the last cycle."""
+        s = self.settings
+        apart = np.hypot(*(places[:, None] - places[None]).T)
+        np.fill_diagonal(apart, math.inf)
+        near = np.exp(-((apart.min(axis=0, initial=math.inf) / s.met_range) ** 2))
+        rate: Array = s.switched + s.met * near
+        return rate
 
     def _frame(
         self, chunk: Chunk, estimate: Estimate | None, motions: Sequence[Displacement], seen: Sightings | None = None

@@ -59,7 +59,9 @@ def a_cycle(rng: np.random.Generator, number: int, devices: int, links: np.ndarr
         places=places,
         place_noise=np.repeat(np.array([[0.05, 0.01], [0.01, 0.04]])[None], 4, axis=0),
         link=links,
-        stranger=rng.uniform(0.1, 2.0, 4),
+        switched=rng.uniform(0.01, 0.1, 4),
+        favour=rng.uniform(0.2, 2.0, (devices, 4)),
+        pickup=rng.uniform(0.2, 1.0, 4),
         detection=rng.uniform(0.3, 0.9, devices),
         in_view=looked_at,
         density=0.05,
@@ -72,7 +74,7 @@ def test_arrays_and_loops_agree(separate: bool) -> None:
     """Eight cycles of the same draws, with births, deaths, jumps and resampling: states, weights and links to 1e-9."""
     rng = np.random.default_rng(7)
     # A gate so wide that the loops, which have none, see the same.
-    settings = RbmcdaSettings(particles=12, jump=0.1, separate=separate, gate=1e3)
+    settings = RbmcdaSettings(particles=12, jump=0.1, jump_unseen=0.2, separate=separate, gate=1e3)
     particles = Particles.empty(12, 3)
     plain: list[list[Target]] = [[] for _ in range(12)]
     resampled = 0
@@ -138,10 +140,16 @@ def test_a_scan_alone_moves_nobody_where_it_is_no_correction() -> None:
     mean, covariance = one_device(rng)
     cycle = a_cycle(rng, 0, 1, np.arange(4))
     dark = replace(
-        cycle, places=np.zeros((0, 2)), place_noise=np.zeros((0, 2, 2)), link=np.zeros(0, int), stranger=np.zeros(0)
+        cycle,
+        places=np.zeros((0, 2)),
+        place_noise=np.zeros((0, 2, 2)),
+        link=np.zeros(0, int),
+        switched=np.zeros(0),
+        favour=np.ones((1, 0)),
+        pickup=np.ones(0),
     )
     before = Particles.empty(20, 3).with_device(mean, covariance)
-    settings = RbmcdaSettings(jump=0.5, radio_only=False, resample_below=0.0)
+    settings = RbmcdaSettings(jump=0.5, jump_unseen=0.5, radio_only=False, resample_below=0.0)
     after, _ = run_cycle(before, dark, settings, Draws.of(rng, 20, 1))
     moved = (mean[:2] + cycle.shift[:, 0] + cycle.owed[:, 0])[:, None, None]
     np.testing.assert_allclose(after.positions()[0], np.broadcast_to(moved, (2, 20, 1)))
