@@ -55,7 +55,7 @@ EXPLANATIONS: dict[str, Explanation] = {
     ),
     "phone in two places at once": Explanation(
         6,
-        "a device is heard here and, a moment later, far away and back again",
+        "what a device hears belongs to two places that take turns",
         "two phones use one token (a copied app or backup): the log names the device; withdraw it and enrol both anew",
     ),
     "time went backwards": Explanation(

@@ -79,7 +79,7 @@ class FusionService(Service[FusionSettings]):
         self._watch = Watch(
             health, self._cameras, settings.silent_after, settings.phones_silent_after, time.monotonic()
         )
-        self._two_places = TwoPlaces(self.view.radio)
+        self._two_places = TwoPlaces(site.access_points)
         self._counted: Count[str] = Count()
         """What was not used since this process began, by reason …"""
         self._exported: Count[str] = Count()
@@ -209,7 +209,8 @@ class FusionService(Service[FusionSettings]):
         """Count a device that is heard in two places; the tracker gets its scans all the same and is not sure."""
         if self._two_places.contradicts(scan):
             self._counted["phone in two places at once"] += 1
-            log.warning("a device is heard in two places at once")
+            if self._two_places.worth_telling(scan.device, scan.t):
+                log.warning("a device is heard in two places at once", device=scan.device)
 
     def _consume(self, closed: Closed, trace: Trace) -> None:
         """Step the tracker; tell first what it consumed, then what came of it."""
