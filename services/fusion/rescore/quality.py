@@ -10,20 +10,21 @@ withheld, because what they are held against is what cameras saw.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from services.fusion.rescore.offsets import Offsets
 from shared.radio import PathLoss, RadioNoise, ShadowingMap
 
 __all__ = [
+    "Heard",
     "Score",
-    "block_log_likelihood",
-    "null_log_likelihood",
+    "null_covariance",
     "null_of",
+    "placed_covariance",
     "places_at",
     "score_scans",
     "score_walks",
@@ -52,6 +53,23 @@ NAME_ERROR = 0.5
 
 
 @dataclass(frozen=True)
+class Heard:
+    """One device's withheld readings, in order of time.
+
+    Attributes:
+        t: (n,) s.
+        level: (n,) dBm.
+        access_point: (n,) which ones.
+        places: (n, 2) metres where the tracker had the device; NaN where it named nobody.
+    """
+
+    t: Array
+    level: Array
+    access_point: Integers
+    places: Array
+
+
+@dataclass(frozen=True)
 class Score:
     """Sums over one device's withheld readings.
 
@@ -76,43 +94,52 @@ class Score:
 
 
 def score_scans(
-    t: Array,
-    level: Array,
-    access_point: Integers,
-    places: Array,
+    devices: Sequence[Heard],
     null: tuple[Array, Array],
     radio: PathLoss,
     shadowing: ShadowingMap | None,
     noise: RadioNoise,
-) -> Score:
-    """Return the score of one device's withheld readings, in order of time.
+) -> list[Score]:
+    """Return the score of each device's withheld readings.
+
+    Blocks of readings are scored in order of time, all devices in turn: what is learned of an access point from one
+    phone is known when the next is scored, under the model and without places alike.
 
     Args:
-        t: (n,) s.
-        level: (n,) dBm.
-        access_point: (n,) columns of ``radio``.
-        places: (n, 2) metres where the tracker had the device; NaN where it named nobody.
+        devices: what was withheld, and where the tracker had each device.
         null: mean and variance (m,) of each access point's readings, wherever they were made.
         radio: the model of the m access points.
-        shadowing: what was learned beyond it.
+        shadowing: what was learned beyond it; its variance holds what an access point's constants may be off.
         noise: what the model does not explain.
     """
-    known = np.flatnonzero(np.isfinite(places).all(axis=1))
-    gain = 0.0
-    for start in range(0, len(known), BLOCK):
-        rows = known[start : start + BLOCK]
-        columns, spots = access_point[rows], places[rows]
+    points = len(radio.names)
+    constants = np.full(points, noise.access_point if shadowing is None else 0.0)
+    model = Offsets(len(devices), noise.device, constants)
+    nowhere = Offsets(len(devices), noise.device, np.zeros(points))
+    known = [np.flatnonzero(np.isfinite(heard.places).all(axis=1)) for heard in devices]
+    blocks = [
+        (float(devices[number].t[rows[start]]), number, rows[start : start + BLOCK])
+        for number, rows in enumerate(known)
+        for start in range(0, len(rows), BLOCK)
+    ]
+    gain = np.zeros(len(devices))
+    for _, number, rows in sorted(blocks, key=lambda block: block[:2]):
+        heard = devices[number]
+        level, columns, spots = heard.level[rows], heard.access_point[rows], heard.places[rows]
         expected = radio.rssi(spots)[np.arange(len(rows)), columns]
         variance = np.full(len(rows), noise.shadowing**2)
         if shadowing is not None:
             mean, unknown = shadowing.at(spots)
             expected = expected + mean[np.arange(len(rows)), columns]
             variance = unknown[np.arange(len(rows)), columns]
-        gain += block_log_likelihood(
-            level[rows] - expected, spots, columns, variance, noise, noise.access_point**2 if shadowing is None else 0.0
-        )
-        gain -= null_log_likelihood(level[rows], t[rows], columns, null, noise)
-    return Score(len(level), len(known), gain)
+        covariance = placed_covariance(spots, columns, variance, noise)
+        gain[number] += model.log_likelihood(level - expected, number, columns, covariance)
+        covariance = null_covariance(heard.t[rows], columns, null[1], noise)
+        gain[number] -= nowhere.log_likelihood(level - null[0][columns], number, columns, covariance)
+    return [
+        Score(len(heard.level), len(rows), float(total))
+        for heard, rows, total in zip(devices, known, gain, strict=True)
+    ]
 
 
 def score_walks(length: Array, variance: Array, duration: Array, moved: Array) -> Score:
@@ -136,42 +163,31 @@ def score_walks(length: Array, variance: Array, duration: Array, moved: Array) -
     return Score(len(length), int(known.sum()), float(gain.sum()))
 
 
-def block_log_likelihood(
-    residual: Array,
-    places: Array,
-    access_point: Integers,
-    shadowing: Array,
-    noise: RadioNoise,
-    constant: float,
-) -> float:
-    """Return log N(residual; 0, C) of one device's readings, as ``shared.radio.log_likelihood`` has it.
+def placed_covariance(places: Array, access_point: Integers, shadowing: Array, noise: RadioNoise) -> Array:
+    """Return (n, n) dB², of one device's readings less what a model expects, but for offsets.
 
-    Unlike there, the variance of shadowing differs from reading to reading: ``shadowing`` is (n,), dB²; and
-    ``constant``, dB², is what an access point's constants may be off: nothing where a map's variance holds it already.
+    As in ``shared.radio.log_likelihood``, except that the variance of shadowing differs from reading to reading:
+    ``shadowing`` is (n,), dB².
     """
     apart = np.linalg.norm(places[:, None] - places[None], axis=2)
     same = access_point[:, None] == access_point[None]
     sigma = np.sqrt(shadowing)
-    shared = np.outer(sigma, sigma) * np.exp(-apart / noise.shadowing_range)
-    covariance = noise.device**2 + same * (constant + shared)
-    covariance = covariance + (noise.white**2 + NAME_ERROR) * np.eye(len(residual))
-    return _gaussian(residual, covariance)
+    shared = same * np.outer(sigma, sigma) * np.exp(-apart / noise.shadowing_range)
+    covariance: Array = shared + (noise.white**2 + NAME_ERROR) * np.eye(len(places))
+    return covariance
 
 
-def null_log_likelihood(
-    level: Array, t: Array, access_point: Integers, null: tuple[Array, Array], noise: RadioNoise
-) -> float:
-    """Return the log-likelihood of one device's readings without places.
+def null_covariance(t: Array, access_point: Integers, variance: Array, noise: RadioNoise) -> Array:
+    """Return (n, n) dB², of one device's readings less their access points' means, but for its offset.
 
-    Each access point has a mean and a spread, and what is heard now is like what was heard a moment ago: else any
-    place would explain readings better than none, because readings of one place are alike.
+    Each access point has a spread, and what is heard now is like what was heard a moment ago: else any place would
+    explain readings better than none, because readings of one place are alike.
     """
-    mean, variance = null
     same = access_point[:, None] == access_point[None]
     kept = np.exp(-np.abs(t[:, None] - t[None]) / MEMORY)
     spread = np.sqrt(np.maximum(variance[access_point] - noise.white**2, 0.0))
-    covariance = noise.device**2 + same * np.outer(spread, spread) * kept + noise.white**2 * np.eye(len(level))
-    return _gaussian(level - mean[access_point], covariance)
+    covariance: Array = same * np.outer(spread, spread) * kept + noise.white**2 * np.eye(len(t))
+    return covariance
 
 
 def null_of(level: Array, access_point: Integers, points: int, noise: RadioNoise) -> tuple[Array, Array]:
@@ -212,10 +228,3 @@ def places_at(times: Array, frames: Array, path: Array, longest: float) -> Array
 def total(scores: Sequence[Score]) -> Score:
     """Return the sums over all devices."""
     return sum(scores, Score())
-
-
-def _gaussian(residual: Array, covariance: Array) -> float:
-    lower = np.linalg.cholesky(covariance)
-    whitened = np.linalg.solve(lower, residual)
-    half_log_det = float(np.log(np.diag(lower)).sum())
-    return -0.5 * float(whitened @ whitened) - half_log_det - 0.5 * len(residual) * math.log(2.0 * math.pi)

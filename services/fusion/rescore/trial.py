@@ -1,8 +1,9 @@
 """One model, one tracker, the last minutes once more: where were the devices when the withheld scans were made?
 
 Every second scan of each device is withheld from the tracker and scored at the place of the track that carried the
-device's name at that time. Active model and candidate both start from nothing, and the first part of the time does not
-count: a state learned under the active model would speak for it.
+device's name at that time, by what earlier ones tell of its offset (``offsets.py``). Active model and candidate both
+start from nothing, and the first part of the time does not count: a state learned under the active model would speak
+for it.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from services.fusion.area_view import AreaView
 from services.fusion.evidence.identity_settings import NOISE
 from services.fusion.registry import make_tracker
-from services.fusion.rescore.quality import Array, Integers, Score, null_of, places_at, score_scans, score_walks
+from services.fusion.rescore.quality import Array, Heard, Integers, Score, null_of, places_at, score_scans, score_walks
 from services.fusion.tracker import Chunk
 from shared.messages import MotionBatch, RadioScan
 
@@ -110,11 +111,18 @@ def run_trial(
     level = np.concatenate([one.level for one in everything])
     points = np.concatenate([one.access_point for one in everything])
     null = null_of(level, points, len(view.radio.names), NOISE)
+    ways = {
+        device: np.array([(t, *spot) for t, spot in sorted(paths[device].items())], float).reshape(-1, 3)
+        for device in withheld
+    }
+    heard = [
+        Heard(one.t, one.level, one.access_point, places_at(one.t, ways[device][:, 0], ways[device][:, 1:], BRIDGE))
+        for device, one in withheld.items()
+    ]
+    scans = score_scans(heard, null, view.radio, view.shadowing, NOISE)
     scores = {}
-    for device, one in withheld.items():
-        path = np.array([(t, *spot) for t, spot in sorted(paths[device].items())], float).reshape(-1, 3)
-        places = places_at(one.t, path[:, 0], path[:, 1:], BRIDGE)
-        radio = score_scans(one.t, one.level, one.access_point, places, null, view.radio, view.shadowing, NOISE)
+    for (device, one), radio in zip(withheld.items(), scans, strict=True):
+        path = ways[device]
         begin, end, length, variance = one.walks.T
         way = places_at(end, path[:, 0], path[:, 1:], BRIDGE) - places_at(begin, path[:, 0], path[:, 1:], BRIDGE)
         factor = scale.get(device, 1.0)

@@ -9,16 +9,19 @@ import numpy as np
 import pytest
 from fusion_world import World, make_site
 from msgspec.structs import replace
+from scipy.stats import multivariate_normal
 
 from services.fusion.area_view import AreaView
 from services.fusion.evidence.identity_settings import NOISE
 from services.fusion.rescore.candidate import CandidateError, apply, read_candidate
 from services.fusion.rescore.desk import RescoreDesk
+from services.fusion.rescore.offsets import Offsets
 from services.fusion.rescore.quality import (
     LIMIT,
     NAME_ERROR,
-    block_log_likelihood,
+    Heard,
     null_of,
+    placed_covariance,
     places_at,
     score_scans,
     score_walks,
@@ -63,19 +66,50 @@ def score(radio: PathLoss, seconds: int = 100, seed: int = 1, known: float = 1.0
     level, points, places = readings(seconds, seed)
     places = places.copy()
     places[int(known * len(places)) :] = np.nan
-    return score_scans(
-        np.arange(len(level)) // 4 * 1.0, level, points, places, null_of(level, points, 4, NOISE), radio, None, NOISE
-    ).per_reading
+    heard = Heard(np.arange(len(level)) // 4 * 1.0, level, points, places)
+    return score_scans([heard], null_of(level, points, 4, NOISE), radio, None, NOISE)[0].per_reading
 
 
 def test_the_likelihood_is_that_of_the_slow_oracle() -> None:
     level, points, places = readings(10, 1)
     residual = level - RADIO.rssi(places)[np.arange(40), points]
-    told = block_log_likelihood(residual, places, points, np.full(40, NOISE.shadowing**2), NOISE, NOISE.access_point**2)
+    covariance = placed_covariance(places, points, np.full(40, NOISE.shadowing**2), NOISE)
+    told = Offsets(1, NOISE.device, np.full(4, NOISE.access_point)).log_likelihood(residual, 0, points, covariance)
     oracle = log_likelihood(
         residual, places, points, dataclasses.replace(NOISE, white=np.sqrt(NOISE.white**2 + NAME_ERROR))
     )
     assert told == pytest.approx(oracle, rel=1e-12)
+
+
+def test_offsets_are_one_number_for_the_whole_time_whatever_the_order_of_blocks() -> None:
+    rng = np.random.default_rng(6)
+    blocks = [(int(rng.integers(2)), rng.integers(3, size=5), rng.normal(0.0, 5.0, 5)) for _ in range(6)]
+    device, point = np.repeat([one for one, _, _ in blocks], 5), np.concatenate([points for _, points, _ in blocks])
+    joint = 9.0 * (device[:, None] == device) + 16.0 * (point[:, None] == point) + 4.0 * np.eye(30)
+    whole = multivariate_normal(np.zeros(30), joint).logpdf(np.concatenate([residual for _, _, residual in blocks]))
+    for order in (blocks, blocks[::-1]):
+        offsets = Offsets(2, 3.0, np.full(3, 4.0))
+        told = sum(offsets.log_likelihood(residual, one, points, 4.0 * np.eye(5)) for one, points, residual in order)
+        assert told == pytest.approx(whole, rel=1e-9)
+
+
+def test_a_model_that_needs_another_offset_for_every_stretch_pays_for_it() -> None:
+    """Who is 6 dB off always has a phone that is 6 dB louder; who is off now this way and now that is wrong."""
+    points, covariance = np.tile(np.arange(4), 10), 16.0 * np.eye(40)
+
+    def told(shifts: tuple[float, ...]) -> float:
+        offsets = Offsets(1, 3.0, np.full(4, 3.0))
+        return sum(offsets.log_likelihood(np.full(40, shift), 0, points, covariance) for shift in shifts)
+
+    assert told((6.0, 6.0, 6.0, 6.0)) > told((6.0, -6.0, 6.0, -6.0)) + 100.0
+    assert told((6.0,)) == pytest.approx(told((-6.0,)))
+
+
+def test_what_one_phone_tells_of_an_access_point_is_known_when_the_next_is_scored() -> None:
+    points, covariance, residual = np.arange(4), 16.0 * np.eye(4), np.array([8.0, -8.0, 8.0, -8.0])
+    offsets = Offsets(2, 3.0, np.full(4, 5.0))
+    first, second = (offsets.log_likelihood(residual, device, points, covariance) for device in (0, 1))
+    assert second > first + 1.0
 
 
 def test_the_right_model_explains_more_than_a_wrong_one_and_than_none() -> None:
