@@ -11,6 +11,7 @@ from scipy.stats import binom, chi2
 
 from benchmarks.mall_traces import NORTH, Trace
 from services.gateway.reckoning.dead_reckoning import DeadReckoner, InertialSamples, Walk
+from shared.angles import wrap
 
 __all__ = [
     "LONG_LEG",
@@ -119,7 +120,7 @@ def heading_errors(trace: Trace, walked: Walked, longer: float = LONG_LEG) -> Ar
     on, legs = on_legs(trace, walked.t, TURN_LATE), trace.legs()
     mean = np.arctan2(on @ np.sin(walked.heading), on @ np.cos(walked.heading))
     judged = (legs.length > longer) & (on.sum(axis=1) >= 2)
-    return np.where(judged, _wrapped(mean - legs.heading), np.nan)
+    return np.where(judged, wrap(mean - legs.heading), np.nan)
 
 
 def end_errors(trace: Trace, walked: Walked, way_point_sigma: float = WAY_POINT_SIGMA) -> tuple[Array, Array]:
@@ -152,7 +153,7 @@ def scores(traces: Sequence[Trace], walked: Sequence[Walked]) -> dict[str, float
     length = np.abs(_kept(np.concatenate([length_errors(*pair) for pair in pairs])))
     heading = np.degrees(np.abs(_kept(np.concatenate([heading_errors(*pair) for pair in pairs]))))
     turns = [np.diff(heading_errors(*pair, longer=LEG)) for pair in pairs]
-    turn = np.degrees(np.abs(_wrapped(_kept(np.concatenate(turns)))))
+    turn = np.degrees(np.abs(wrap(_kept(np.concatenate(turns)))))
     whole = [pair for pair in pairs if pair[0].legs().length.sum() >= WHOLE]
     total = np.array([_total(*pair) for pair in whole])
     drift = np.array([np.hypot(*end_errors(*pair)[0]) / pair[0].legs().length.sum() for pair in whole])
@@ -231,8 +232,3 @@ def _total(trace: Trace, walked: Walked) -> float:
 
 def _kept(values: Array) -> Array:
     return values[np.isfinite(values)]
-
-
-def _wrapped(angle: Array) -> Array:
-    wrapped: Array = np.angle(np.exp(1j * angle))
-    return wrapped

@@ -23,6 +23,7 @@ from services.gateway.reckoning.hops import HOP, RATE
 from services.gateway.reckoning.offset import ERROR_SIGMA, SIGN_RIGHT, Offset, Sign, horizontal, window_offsets
 from services.gateway.reckoning.recent import KEPT
 from services.simulator.phones.carrying import CarryingParameters
+from shared.angles import wrap
 
 __all__ = ["draw", "error_modes", "mall", "measure", "turn", "window_errors"]
 
@@ -117,8 +118,8 @@ def mall(traces: Sequence[Trace]) -> dict[str, float]:
             offsets.append(float(np.mean(window_offsets(ahead, right))))
             points = pointing(attitude).mean(axis=0)
             off = float(np.arctan2(points[0], points[1])) - (np.pi / 2.0 - legs.heading[number])
-            errors.append((off + np.pi) % (2.0 * np.pi) - np.pi)
-    offset, error = np.array(offsets), np.array(errors)
+            errors.append(off)
+    offset, error = np.array(offsets), wrap(np.array(errors))
     along, beside = (np.concatenate([pair[k] for pair in windows]) for k in (0, 1))
     sane = np.abs(error) < np.radians(60.0)  # beyond it the leg was not walked straight
     figures = {

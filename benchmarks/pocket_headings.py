@@ -29,6 +29,7 @@ from services.gateway.reckoning.hops import HOP, RATE
 from services.gateway.reckoning.pocket_heading import PocketHeading, principal_axis, swing_asymmetry
 from services.gateway.reckoning.swing_length import SwingLength
 from services.gateway.steps.gated_peaks import GatedPeaks
+from shared.angles import wrap
 
 __all__ = ["Told", "draw", "headings", "measure", "shipped", "sign_cues", "swing_length_errors", "tell"]
 
@@ -61,7 +62,7 @@ class Told:
 
     def error(self, method: str) -> Array:
         """Return the error (k,) rad in (-π, π]."""
-        return (self.heading[method] - self.true + np.pi) % (2.0 * np.pi) - np.pi
+        return wrap(self.heading[method] - self.true)
 
     def deviation(self, method: str) -> Array:
         """Return how far off each step ends, (k,) m."""

@@ -35,6 +35,7 @@ from benchmarks.radio_residuals import (
     wall_effect,
 )
 from services.simulator.radio.radio_world import RadioParameters
+from shared.angles import wrap
 from shared.settings import data_folder
 
 __all__ = ["EXPERIMENT", "look_at_points", "look_at_walks", "main", "measure"]
@@ -56,7 +57,7 @@ def look_at_walks(readings: Readings, walls: Sequence[Array] = ()) -> Look:
     residual, walk, heading = fit.residual, readings.walk, readings.heading
 
     def turn(i: Index, j: Index) -> Array:
-        turned: Array = np.abs(np.angle(np.exp(1j * (heading[i] - heading[j]))))
+        turned: Array = np.abs(wrap(heading[i] - heading[j]))
         return turned
 
     curves = {

@@ -16,6 +16,7 @@ from scipy.optimize import least_squares
 
 from benchmarks.radio_recordings import Readings
 from services.simulator.radio.wall_loss import Barriers
+from shared.angles import wrap
 
 __all__ = [
     "BINS",
@@ -168,7 +169,7 @@ def body_effect(readings: Readings, fit: PathLossFit) -> tuple[float, Curve]:
     toward = fit.place[readings.transmitter, :2] - readings.position
     angle = np.arctan2(toward[:, 1], toward[:, 0]) - readings.heading
     known = np.isfinite(angle) & (np.hypot(*toward.T) > 2.0)
-    angle, residual = np.abs(np.angle(np.exp(1j * angle[known]))), fit.residual[known]
+    angle, residual = np.abs(wrap(angle[known])), fit.residual[known]
     cosine = np.cos(angle)
     slope = float(np.cov(cosine, residual)[0, 1] / cosine.var(ddof=1))
     edges = np.linspace(0.0, np.pi, 7)

@@ -1,4 +1,4 @@
-"""Angles and directions: how are they brought to their range, and to length one?"""
+"""Directions: how are they brought to length one?"""
 
 from __future__ import annotations
 
@@ -6,12 +6,7 @@ import numpy as np
 
 from services.gateway.reckoning.hops import Array
 
-__all__ = ["unit", "wrap"]
-
-
-def wrap(angle: Array) -> Array:
-    """Return angles (...) rad in (-π, π]."""
-    return -((-angle + np.pi) % (2.0 * np.pi) - np.pi)
+__all__ = ["unit"]
 
 
 def unit(vectors: Array) -> Array:

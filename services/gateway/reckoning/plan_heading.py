@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from services.gateway.reckoning.angles import wrap
 from services.gateway.reckoning.hops import Array
+from shared.angles import wrap
 
 __all__ = ["plan_heading"]
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from services.gateway.reckoning.angles import wrap
 from services.gateway.reckoning.hops import Array, State
 from services.gateway.reckoning.recent import Recent
 from services.gateway.reckoning.step_heading import UNKNOWN_VARIANCE, StepHeadings
 from services.gateway.reckoning.strides import FOOTFALLS, SAMPLES, gather, rank, strides
 from services.gateway.steps.detector import Steps
+from shared.angles import wrap
 
 __all__ = ["PocketHeading", "principal_axis", "principal_harmonic", "swing_asymmetry"]
 

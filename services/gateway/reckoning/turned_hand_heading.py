@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from services.gateway.reckoning.angles import wrap
 from services.gateway.reckoning.hand_heading import HandHeading
 from services.gateway.reckoning.hops import State
 from services.gateway.reckoning.offset import Offset
 from services.gateway.reckoning.recent import Recent
 from services.gateway.reckoning.step_heading import StepHeadings
 from services.gateway.steps.detector import Steps
+from shared.angles import wrap
 
 __all__ = ["TurnedHandHeading"]
 
