@@ -12,23 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
+from benchmarks.people_followed import people_followed, stays
 from benchmarks.track_reading import FRESH, named_positions, newest_frames
 from benchmarks.tracking_metrics import GATE
 from benchmarks.world_record import Truth
-from shared.messages import TrackFrame, positions
+from shared.messages import TrackFrame
 
-__all__ = ["NOBODY", "UNNAMED", "IdentityScore", "bearers", "score_identity"]
+__all__ = ["UNNAMED", "IdentityScore", "bearers", "score_identity"]
 
 Array = NDArray[np.float64]
 
 UNNAMED = -2
-"""No track bears the name."""
-NOBODY = -1
-"""A track bears the name, and no person is matched to it."""
-PAUSE = 2.0
-"""Seconds; somebody out of view for no longer has not left."""
+"""No track bears the name; ``people_followed.NOBODY``: one does and follows no person."""
 
 
 @dataclass(frozen=True)
@@ -123,11 +119,11 @@ def score_identity(
     named: NDArray[np.bool_] = bearer != UNNAMED
     right: NDArray[np.bool_] = np.equal(bearer, carriers)
     off: Array = np.linalg.norm(named_positions(truth, frames, fresh) - truth.position[:, carriers], axis=2)
-    stays = [_stays(truth.t, in_view[:, column]) for column in range(len(carriers))]
+    stayed = [stays(truth.t, in_view[:, column]) for column in range(len(carriers))]
     timed = [
         _time_to_identify(truth.t[first : last + 1], named[first : last + 1, column], right[first : last + 1, column])
         for column in range(len(carriers))
-        for first, last in stays[column]
+        for first, last in stayed[column]
     ]
     return IdentityScore(
         device=[truth.device[place] or "" for place in carriers],
@@ -137,7 +133,7 @@ def score_identity(
         right_in_view=(right & in_view).sum(axis=0),
         near=((off <= gate) & in_view).sum(axis=0),  # NaN, not located, is not near
         switches=np.array([_switches(bearer[:, column]) for column in range(len(carriers))], np.int64),
-        stay=np.repeat(np.arange(len(carriers)), [len(found) for found in stays]),
+        stay=np.repeat(np.arange(len(carriers)), [len(found) for found in stayed]),
         first=np.array([first for first, _ in timed]),
         settled=np.array([settled for _, settled in timed]),
     )
@@ -150,18 +146,11 @@ def bearers(truth: Truth, frames: Sequence[TrackFrame], gate: float = GATE, fres
     """
     devices = {truth.device[place]: column for column, place in enumerate(truth.carriers())}
     found = np.full((len(truth.t), len(devices)), UNNAMED, np.int64)
-    known = np.asarray(np.all(np.isfinite(truth.position), axis=2))
     for row, newest in enumerate(newest_frames(truth.t, frames, fresh)):
         if newest < 0 or not any(device in devices for device in frames[newest].device):
             continue
         frame = frames[newest]
-        person_of = np.full(len(frame.track), NOBODY, np.int64)
-        people = np.flatnonzero(known[row])
-        apart: Array = np.linalg.norm(positions(frame)[:, None] - truth.position[row, people][None], axis=2)
-        # A pair outside the gate costs more than all pairs inside it together: most pairs first, then the shortest.
-        tracks, matched = linear_sum_assignment(np.where(apart <= gate, apart, 1e3 * gate * (1 + len(people))))
-        inside = apart[tracks, matched] <= gate
-        person_of[tracks[inside]] = people[matched[inside]]
+        person_of = people_followed(frame, truth.position[row], gate)
         for track in np.argsort(frame.probability, kind="stable"):  # the most probable has the last word
             column = devices.get(frame.device[track])
             if column is not None:
@@ -172,17 +161,6 @@ def bearers(truth: Truth, frames: Sequence[TrackFrame], gate: float = GATE, fres
 def _switches(bearer: NDArray[np.int64]) -> int:
     people = bearer[bearer >= 0]
     return int((people[1:] != people[:-1]).sum())
-
-
-def _stays(t: Array, in_view: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the first and last place of each time in view, pauses of up to ``PAUSE`` seconds bridged."""
-    seen = np.flatnonzero(in_view)
-    if not len(seen):
-        return []
-    parted = np.flatnonzero((np.diff(t[seen]) > PAUSE) & (np.diff(seen) > 1))
-    return list(
-        zip(seen[np.append(0, parted + 1)].tolist(), seen[np.append(parted, len(seen) - 1)].tolist(), strict=True)
-    )
 
 
 def _time_to_identify(t: Array, named: NDArray[np.bool_], right: NDArray[np.bool_]) -> tuple[float, float]:

@@ -17,14 +17,13 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
-from benchmarks.identity_metrics import NOBODY
+from benchmarks.people_followed import NOBODY, people_followed, stays
 from benchmarks.revised import UNSEEN, Said
 from benchmarks.track_reading import newest_frames
 from benchmarks.tracking_metrics import GATE
 from benchmarks.world_record import Truth
-from shared.messages import TrackFrame, positions
+from shared.messages import TrackFrame
 
 __all__ = ["Followed", "PhoneScore", "followed", "score_phones"]
 
@@ -33,8 +32,6 @@ Array = NDArray[np.float64]
 AROUND = 1.0
 """Seconds before and after in which the person a track follows is counted."""
 SECOND = 1.0
-PAUSE = 2.0
-"""Seconds; somebody out of view for no longer has not left."""
 
 
 @dataclass(frozen=True)
@@ -65,17 +62,11 @@ class Followed:
 def followed(truth: Truth, frames: Sequence[TrackFrame], gate: float = GATE) -> Followed:
     """Match tracks and people at each time one to one: most pairs within ``gate`` metres, then the shortest."""
     rows: list[tuple[int, int, int]] = []
-    known = np.asarray(np.all(np.isfinite(truth.position), axis=2))
     for row, newest in enumerate(newest_frames(truth.t, frames)):
         if newest < 0:
             continue
         frame = frames[newest]
-        people = np.flatnonzero(known[row])
-        apart: Array = np.linalg.norm(positions(frame)[:, None] - truth.position[row, people][None], axis=2)
-        tracks, matched = linear_sum_assignment(np.where(apart <= gate, apart, 1e3 * gate * (1 + len(people))))
-        whom = np.full(len(frame.track), NOBODY)
-        inside = apart[tracks, matched] <= gate
-        whom[tracks[inside]] = people[matched[inside]]
+        whom = people_followed(frame, truth.position[row], gate)
         rows += [
             (track, row, person)
             for track, person, state in zip(frame.track, whom.tolist(), frame.state, strict=True)
@@ -176,7 +167,7 @@ def score_phones(
     first = [
         _first(truth.t[begin : end + 1], right[begin : end + 1, column])
         for column in range(len(carriers))
-        for begin, end in _stays(truth.t, in_view[:, column])
+        for begin, end in stays(truth.t, in_view[:, column])
     ]
     told = in_view & np.isfinite(off)
     return PhoneScore(
@@ -191,13 +182,6 @@ def score_phones(
         error=off[told],
         first=np.array(first, float),
     )
-
-
-def _stays(t: Array, in_view: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the first and last place of each time in view, pauses of up to ``PAUSE`` seconds bridged."""
-    seen = np.flatnonzero(in_view)
-    pieces = np.split(seen, np.flatnonzero(np.diff(t[seen]) > PAUSE) + 1)
-    return [(int(piece[0]), int(piece[-1])) for piece in pieces if len(piece)]
 
 
 def _first(t: Array, right: NDArray[np.bool_]) -> float:

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.testing import assert_array_equal
 from track_frames import frame
 
-from benchmarks.identity_metrics import NOBODY, UNNAMED, bearers, score_identity
+from benchmarks.identity_metrics import UNNAMED, bearers, score_identity
+from benchmarks.people_followed import NOBODY
 from benchmarks.world_record import Truth
 
 # Ann stands at 0 with phone a, Bob at 0.8 with phone b, a stranger at 5; ten seconds, all in view.

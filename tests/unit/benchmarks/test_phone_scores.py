@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 from track_frames import frame
 
-from benchmarks.identity_metrics import NOBODY
+from benchmarks.people_followed import NOBODY
 from benchmarks.phone_scores import PhoneScore, followed, score_phones
 from benchmarks.revised import said_live
 from benchmarks.world_record import Truth
