@@ -35,7 +35,18 @@ from services.fusion.rbmcda.tracker import RbmcdaTracker
 from services.fusion.registry import make_tracker
 from services.fusion.tracker import Tracker
 
-__all__ = ["EXPERIMENT", "Cell", "Measured", "against_vision", "cells", "contact_curve", "curves_of", "main"]
+__all__ = [
+    "EXPERIMENT",
+    "FRAMES",
+    "Cell",
+    "Measured",
+    "against_vision",
+    "cells",
+    "contact_curve",
+    "curves_of",
+    "main",
+    "measure",
+]
 
 Array = NDArray[np.float64]
 
@@ -114,10 +125,10 @@ def cells() -> list[Cell]:
     return found
 
 
-def measure(world: Path, seed: int, cell: Cell) -> Measured:
-    """Return the errors of one run over the pickled areas of a world."""
+def measure(areas: Sequence[WorldRecord], seed: int, cell: Cell) -> Measured:
+    """Return the errors of one run over the areas of a world."""
     errors, objects, seconds = [], [], []
-    for number, record in enumerate(_areas(world)):
+    for number, record in enumerate(areas):
         rng = np.random.default_rng([seed, cell.value, cell.placement, number])
         perturbed = _perturbed(record, cell, rng)
         estimate, spent = _located(perturbed, cell)
@@ -138,7 +149,7 @@ def run(options: Options, progress: Progress) -> Figures:
         made = in_parallel(partial(record_world, seconds=SECONDS), [(scenario, site, seed)], 1, progress, "world")
         world.write_bytes(pickle.dumps([thinned(record, FRAMES) for record in made[0].values()]))
         wanted = cells()
-        results = in_parallel(measure, [(world, seed, cell) for cell in wanted], options.jobs, progress)
+        results = in_parallel(_measure_stored, [(world, seed, cell) for cell in wanted], options.jobs, progress)
     figures = curves_of(list(zip(wanted, results, strict=True))) | contact_curve()
     figures |= against_vision(figures)
     draw_curves(figures, options.picture)
@@ -154,6 +165,10 @@ def contact_curve(walkers: int = 1000) -> dict[str, float]:
         for strength in CONTACT
         for name, substeps in (("onestep", 1), ("substeps", ForceSettings().substeps))
     }
+
+
+def _measure_stored(world: Path, seed: int, cell: Cell) -> Measured:
+    return measure(_areas(world), seed, cell)
 
 
 @lru_cache(maxsize=1)
