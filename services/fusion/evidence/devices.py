@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from services.fusion.area_view import AreaView
 from services.fusion.evidence.belief import Beliefs
 from services.fusion.evidence.calibration import Calibration
-from services.fusion.evidence.columns import Columns
 from services.fusion.evidence.floor_grid import FloorGrid
 from services.fusion.evidence.hearing import Hearing
 from services.fusion.evidence.identity_settings import IdentitySettings
-from services.fusion.evidence.motion_evidence import WalkFilters
 from services.fusion.snapshot import counts, of_shape, unpack
+from services.fusion.walks.columns import Columns
+from services.fusion.walks.motion_evidence import WalkFilters
 from shared.messages import MotionBatch, RadioScan, decode
 
 __all__ = ["Devices"]

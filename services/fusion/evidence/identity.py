@@ -17,8 +17,8 @@ from services.fusion.evidence.devices import Devices
 from services.fusion.evidence.estimates import estimates
 from services.fusion.evidence.hearing import Gathered, Hearing
 from services.fusion.evidence.radio_evidence import novelty, scan_likelihood
-from services.fusion.evidence.walks import Walk, stretches
 from services.fusion.evidence.workload import due_now
+from services.fusion.walks.stretches import Walk, stretches
 from shared.messages import MotionBatch, RadioScan
 
 __all__ = ["IdentityLayer"]

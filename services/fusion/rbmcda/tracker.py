@@ -22,11 +22,12 @@ from services.fusion.area_view import AreaView
 from services.fusion.forces import ForceSettings, Obstacles, displacement
 from services.fusion.rbmcda.births import birth
 from services.fusion.rbmcda.constants import Constants
+from services.fusion.rbmcda.filter_cycle import run_cycle
 from services.fusion.rbmcda.followed import FollowedPeople
 from services.fusion.rbmcda.generators import generator_of, generator_state
 from services.fusion.rbmcda.inertial import Displacement, WalkLog
 from services.fusion.rbmcda.learned_obstacles import LearnedObstacles
-from services.fusion.rbmcda.particles import Cycle, Draws, Estimate, Particles, run_cycle
+from services.fusion.rbmcda.particles import Cycle, Draws, Estimate, Particles
 from services.fusion.rbmcda.present import carried_on
 from services.fusion.rbmcda.readings import Readings
 from services.fusion.rbmcda.settings import RbmcdaSettings

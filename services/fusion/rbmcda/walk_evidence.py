@@ -3,7 +3,7 @@
 Steps come seconds late, and a walk only when it is sure to be one; where a sighting is a cycle later says little by
 then. So the paths of the people followed are remembered, and each stretch of a walk is held against all of them when
 it is known: one small filter of heading bias and stride scale per device and person, against a stranger's walk. The
-filters and the reader of walks are the ``evidence`` tracker's; the original compares with predictions alone.
+filters and the reader of walks are those of the ``evidence`` tracker; the original compares with predictions alone.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.evidence.columns import Columns
-from services.fusion.evidence.motion_evidence import WalkFilters
-from services.fusion.evidence.walks import Walk, stretches
+from services.fusion.walks.columns import Columns
+from services.fusion.walks.motion_evidence import WalkFilters
+from services.fusion.walks.stretches import Walk, stretches
 from shared.messages import MotionBatch
 
 __all__ = ["WalkEvidence"]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from services.fusion.evidence.motion_evidence import LIMIT, WalkFilters
-from services.fusion.evidence.walks import Walk
+from services.fusion.walks.motion_evidence import LIMIT, WalkFilters
+from services.fusion.walks.stretches import Walk
 
 ROWS = np.array([0, 1])
 

@@ -9,7 +9,8 @@ from rbmcda_oracle import Target, one_cycle
 
 from services.fusion.rbmcda.association import composites_of, linked_to
 from services.fusion.rbmcda.births import birth
-from services.fusion.rbmcda.particles import Cycle, Draws, Particles, run_cycle
+from services.fusion.rbmcda.filter_cycle import run_cycle
+from services.fusion.rbmcda.particles import Cycle, Draws, Particles
 from services.fusion.rbmcda.resampling import effective, systematic
 from services.fusion.rbmcda.settings import RbmcdaSettings
 

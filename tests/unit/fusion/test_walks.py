@@ -5,7 +5,7 @@ from typing import Literal
 
 import pytest
 
-from services.fusion.evidence.walks import stretches
+from services.fusion.walks.stretches import stretches
 from shared.messages import MotionBatch
 
 

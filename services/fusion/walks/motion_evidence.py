@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.evidence.walks import BIAS, SCALE, Walk
 from services.fusion.snapshot import of_shape, unpack
+from services.fusion.walks.stretches import BIAS, SCALE, Walk
+from shared.angles import wrap
 
 __all__ = ["WalkFilters"]
 
@@ -136,10 +137,10 @@ class WalkFilters:
         direction = np.arctan2(displacement[:, 1], displacement[:, 0])
         error = HEADING_ERROR**2 + walk.heading_variance + (TRACK_ERROR / np.maximum(moved, 0.1)) ** 2
         spread = variance + error
-        surprise = _wrapped(walk.heading - direction - bias)
+        surprise = wrap(walk.heading - direction - bias)
         density = _normal(surprise, spread)
         if math.isfinite(walk.other):
-            second = _wrapped(walk.other - direction - bias)
+            second = wrap(walk.other - direction - bias)
             rival = _normal(second, spread)
             p = walk.other_probability
             surprise = np.where(p * rival > (1.0 - p) * density, second, surprise)
@@ -150,7 +151,7 @@ class WalkFilters:
         self.bias_variance[device, columns] = np.maximum(variance * (1.0 - gain), math.radians(2.0) ** 2)
         against = 0.5 / math.pi
         if math.isfinite(before):
-            turn = _wrapped(np.array(walk.heading - before))
+            turn = wrap(np.array(walk.heading - before))
             floor = HEADING_ERROR**2 + walk.heading_variance + (TRACK_ERROR / max(walk.length, 0.1)) ** 2
             steady = float(_normal(turn, np.array(STRANGER_TURN**2 + floor)))
             against = (1.0 - STRANGER_CHANGES) * steady + STRANGER_CHANGES * against
@@ -207,11 +208,6 @@ def _normal(error: Array, variance: Array) -> Array:
 
 def _with_outliers(density: Array, flat: float) -> Array:
     return (1.0 - OUTLIER) * density + OUTLIER * flat
-
-
-def _wrapped(angle: Array) -> Array:
-    wrapped: Array = (angle + math.pi) % (2.0 * math.pi) - math.pi
-    return wrapped
 
 
 def _stranger_length(speed: float, before: float) -> float:

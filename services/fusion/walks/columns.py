@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.fusion.evidence.path_history import PathHistory
 from services.fusion.snapshot import unpack
+from services.fusion.walks.path_history import PathHistory
 
 __all__ = ["Columns"]
 

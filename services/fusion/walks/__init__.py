@@ -1,0 +1,1 @@
+"""Did this person walk as that phone says? Paths of tracks, and stretches of phones' walks held against them."""
