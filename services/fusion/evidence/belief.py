@@ -119,6 +119,12 @@ class Beliefs:
         self.lineage[row] = UNSEEN
         self.normalise(row)
 
+    def forget(self, row: int) -> None:
+        """Believe nothing of a device."""
+        for name in _BY_DEVICE:
+            getattr(self, name)[row] = 0.0
+        self.share[row], self.lineage[row] = 0.0, UNSEEN
+
     def strangers(self, tracks: int) -> float:
         """Return how many unseen people without a known phone there are per m² while cameras follow ``tracks``."""
         area = float((self.grid.open & ~self.grid.outside).sum()) * self.grid.cell**2
@@ -140,7 +146,11 @@ class Beliefs:
         self.normalise(row)
 
     def favour(self, row: int, columns: Integers, evidence: Array) -> None:
-        """Multiply columns by what speaks for them, in nats, against being on no track."""
+        """Multiply columns by what speaks for them, in nats, against being on no track.
+
+        A track whose path meanwhile is not known was born since: the better another suits, the less it is the
+        device's.
+        """
         best = max(float(evidence.max(initial=0.0)), 0.0)
         self.share[row] *= math.exp(-best)
         self.share[row, columns] *= np.exp(evidence)

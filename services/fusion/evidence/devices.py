@@ -110,21 +110,23 @@ class Devices:
             return self.devices.index(device)
         if None not in self.devices:
             self._resize(len(self.devices) + BLOCK, len(self.columns.tracks))
-        row, s = self.devices.index(None), self.settings
+        row = self.devices.index(None)
         self.devices[row] = device
-        self.told[row], self.scans[row], self.given[row] = -math.inf, 0, -1
-        self.walking[row], self.walked_until[row], self.stepped[row] = 0.0, -math.inf, -math.inf
-        self.hearing[row] = (Hearing(0.0, s.device**2), Hearing(0.0, s.device_sent**2))
-        self.chains[row] = []
-        self.walk_filters.reset_device(row)
         self.beliefs.open(row, self.columns.alive)
         return row
 
     def _forget(self, row: int) -> None:
+        """Free a row; it is as if nobody had ever had it."""
+        s = self.settings
         self.devices[row] = None
         self.estimates.pop(row, None)
-        self.told[row], self.given[row] = -math.inf, -1
-        self.beliefs.share[row] = 0.0
+        self.told[row], self.scans[row], self.given[row] = -math.inf, 0, -1
+        self.walking[row], self.walked_until[row], self.stepped[row] = 0.0, -math.inf, -math.inf
+        self.hearing[row] = (Hearing(0.0, s.device**2), Hearing(0.0, s.device_sent**2))
+        self.chains[row] = []
+        self.probability[row] = 0.0
+        self.walk_filters.reset_device(row)
+        self.beliefs.forget(row)
 
     def _resize(self, devices: int, tracks: int) -> None:
         s = self.settings

@@ -71,7 +71,11 @@ class IdentityLayer(Devices):
         self._scans = [scan for scan in self._scans if scan.device != device]
         self._motions = [batch for batch in self._motions if batch.device != device]
         if device in self.devices:
-            self._forget(self.devices.index(device))
+            row = self.devices.index(device)
+            if self.given[row] >= 0:
+                # Whom its track was before was known by the device alone.
+                self.former.pop(int(self.columns.tracks[self.given[row]]), None)
+            self._forget(row)
             self._dirty = True
 
     # -- what phones hear --------------------------------------------------------------------------------------------

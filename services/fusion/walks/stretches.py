@@ -30,6 +30,8 @@ LASTING = 0.5
 FIRST_STEP = 0.6
 """Seconds that a step takes of which no other came before, and the longest that one may take."""
 LONGEST_STEP = 1.5
+EARLIEST = 30.0
+"""Seconds before a batch's own beginning before which no step of it can be; a walk is told some steps late."""
 STRETCH = 0.8
 """Seconds after which a stretch ends with the next step."""
 
@@ -72,7 +74,7 @@ def stretches(batch: MotionBatch, last_step: float) -> list[Walk]:
         return [Walk(batch.t_start, batch.t, 0.0, math.nan, 0.0)] if 0.3 <= duration <= 10.0 else []
     when, metres = np.asarray(batch.step_t, float), np.asarray(batch.length, float)
     usable = np.isfinite(when) & np.isfinite(metres) & (metres >= 0.0) & (metres < 3.0)
-    usable &= (when > last_step) & (when <= batch.t + 1.0)
+    usable &= (when > last_step) & (when > batch.t_start - EARLIEST) & (when <= batch.t + 1.0)
     chosen = np.flatnonzero(usable)
     chosen = chosen[np.argsort(when[chosen], kind="stable")]
     walks: list[Walk] = []

@@ -135,6 +135,25 @@ def test_receivers_that_report_in_turns_are_no_second_phone() -> None:
         )
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_two_bands_told_in_turns_are_no_second_phone(seed: int) -> None:
+    """A point of two bands has one name here; each band is shadowed and sent in its own way."""
+    watch, phone = TwoPlaces(LARGE), Phone(LARGE, seed)
+    low = phone.shadowing.copy()
+    high = low + np.random.default_rng(seed + 99).normal(0.0, 5.0, len(LARGE))
+    for t in range(200):
+        phone.shadowing = high if t % 2 else low
+        assert not watch.contradicts(phone.scan(float(t), (25.0, 10.0)))
+
+
+def test_nothing_is_kept_of_who_has_been_silent_for_long() -> None:
+    watch, silent, other = TwoPlaces(LARGE), Phone(LARGE, 1), Phone(LARGE, 2)
+    watch.contradicts(silent.scan(0.0, (25.0, 10.0)))
+    late = other.scan(100.0, (25.0, 10.0))
+    watch.contradicts(RadioScan(t=late.t, device="other", seq=1, access_point=late.access_point, rssi=late.rssi))
+    assert {device for device, _, _ in watch._devices} == {"other"}
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_who_stands_in_an_atrium_or_takes_the_stairs_is_one_phone(seed: int) -> None:
     both = [*SMALL, *points(3, 2, 6.0, "first")]

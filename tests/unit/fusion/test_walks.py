@@ -62,3 +62,10 @@ def test_after_a_pause_a_stretch_begins_a_step_before_its_first_step() -> None:
     first, second = stretches(batch(10.0, 20.0, [10.6, 11.4, 19.0]), 10.0)
     assert (first.t_start, first.t) == pytest.approx((10.0, 11.4))
     assert (second.t_start, second.t) == pytest.approx((18.4, 19.0))
+
+
+@pytest.mark.parametrize("odd", [-1e30, -1e16, -100.0])
+def test_a_step_from_another_age_is_no_step(odd: float) -> None:
+    """Its time may be so large that a stretch from before it would last no time at all."""
+    (walk,) = stretches(batch(0.0, 1.0, [odd, 0.4, 0.9]), -math.inf)
+    assert (walk.t, walk.length) == (0.9, pytest.approx(1.4))
