@@ -74,6 +74,10 @@ class Keys:
         """Erasure, reliable: who withdrew consent."""
         return f"{self.root}/erasure/{_part(device)}"
 
+    def health(self, service: str = "*", instance: str = "*") -> str:
+        """Queryable: what a process finds wrong, JSON of plain words by topic; every service answers."""
+        return f"{self.root}/health/{_part(service)}/{_part(instance)}"
+
     def alive(self, service: str = "*", instance: str = "*") -> str:
         """Liveliness token of one running service."""
         return f"{self.root}/alive/{_part(service)}/{_part(instance)}"

@@ -163,6 +163,9 @@ def _live(kind: type[Service[S]], settings: S, site: Site) -> int:
         if link.bus is not None:
             service = kind(settings, site, link.bus, health)
             link.bus.announce(service.keys.alive(kind.name, service.instance))
+            link.bus.answer(
+                service.keys.health(kind.name, service.instance), lambda: json.dumps(health.problems()).encode()
+            )
             if not stop_requested.is_set():
                 service.run()
     except (BusError, ServiceError) as error:

@@ -47,6 +47,7 @@ def health_report(
     expected: Sequence[str],
     stale_after: float,
     unwatched: Collection[str] = (),
+    told: Sequence[str] = (),
 ) -> HealthReport:
     """Return the report for one moment.
 
@@ -59,6 +60,7 @@ def health_report(
         expected: services whose absence is a problem.
         stale_after: seconds without tracks that are a problem.
         unwatched: areas that have no camera.
+        told: what services say of themselves.
     """
     problems = []
     if not connected:
@@ -85,6 +87,7 @@ def health_report(
         if camera.state in ("unknown", "degraded", "ended"):
             reason = camera.reason or ("its source has come to an end" if camera.state == "ended" else camera.state)
             problems.append(f"camera {camera.camera}: {reason}")
+    problems.extend(told)
     return HealthReport(
         t=now,
         status="degraded" if problems else "ok",

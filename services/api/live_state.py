@@ -39,7 +39,7 @@ REBUILD_AFTER = 0.2
 """Seconds after which ready-made bytes are built anew even when nothing came: ages must grow."""
 
 CLOCK_SET_BACK = 5.0
-"""Seconds by which a status must be older than the one held for it to be a clock set back and no late message."""
+"""Seconds by which a message must be older than the one held for it to be a clock set back and no late message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,8 +117,15 @@ class LiveState:
         if frame.area not in self._tracks:
             return False
         held = self._newest.get(frame.area)
-        if held is not None and frame.t < held.frame.t and origin <= held.origin:
+        if held is not None and 0.0 < held.frame.t - frame.t < CLOCK_SET_BACK and origin <= held.origin:
             return False
+        if held is not None and frame.t < held.frame.t:
+            # The clock was set back: what was told of a time yet to come must not outlive what is told now.
+            self._fixes = {
+                device: fix
+                for device, fix in self._fixes.items()
+                if fix.arrived.frame.area != frame.area or fix.arrived.frame.t <= frame.t
+            }
         arrived = _Arrived(self.erased.from_tracks(frame), origin)
         self._newest[frame.area] = arrived
         for index, device in enumerate(arrived.frame.device):

@@ -46,6 +46,7 @@ class ApiService(Service[ApiSettings]):
         )
         self._hub = Hub(settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
         self._presence = Presence()
+        self._told: list[str] = []
         self._connected = bus.connected
         self._inbox = bus.inbox(capacity=10_000)
         self._strangers: set[str] = set()
@@ -119,11 +120,26 @@ class ApiService(Service[ApiSettings]):
         while not self.stopping.wait(1.0):
             connected = self.bus.connected
             alive = self.bus.present(self.keys.alive()) if connected else []
-            loop.call_soon_threadsafe(self._note, connected, alive)
+            told = self._ask_health() if connected else []
+            loop.call_soon_threadsafe(self._note, connected, alive, told)
 
-    def _note(self, connected: bool, alive: list[str]) -> None:
+    def _ask_health(self) -> list[str]:
+        """What other services find wrong; of cameras their status tells it already."""
+        told = []
+        for key, answer in self.bus.ask(self.keys.health(), timeout=1.0):
+            service = key.split("/")[-2]
+            if service in (self.name, "camera"):
+                continue
+            try:
+                problems = msgspec.json.decode(answer, type=dict[str, str])
+            except msgspec.MsgspecError:
+                continue
+            told += [f"{service}: {words}" for words in problems.values()]
+        return sorted(told)
+
+    def _note(self, connected: bool, alive: list[str], told: list[str]) -> None:
         now = time.time()
-        self._connected = connected
+        self._connected, self._told = connected, told
         if connected:
             self._presence.seen(alive)
         self._live.forget(now)
@@ -177,4 +193,5 @@ class ApiService(Service[ApiSettings]):
             expected=expected,
             stale_after=self.settings.stale_after,
             unwatched=[area.id for area in self.site.areas if not self.site.cameras_of(area.id)],
+            told=self._told,
         )

@@ -262,6 +262,19 @@ def test_positions_age_and_health_tells_when_tracks_stop(
         events.close()
 
 
+def test_health_says_what_services_find_wrong_themselves(
+    site: Site, project: Path, zenoh_router: str, free_port: int
+) -> None:
+    with running(site, project, zenoh_router, free_port) as address, Bus([zenoh_router]) as bus:
+        bus.answer(Keys(site.site).health("fusion", "0"), lambda: b'{"time": "time went backwards, 5 or more"}')
+        bus.answer(Keys(site.site).health("odd", "0"), lambda: b"no JSON")
+        wait_until(
+            lambda: "fusion: time went backwards, 5 or more" in get(address, "/v1/health")["problems"],  # type: ignore[operator]
+            DEADLINE,
+            "fusion's own words",
+        )
+
+
 def test_a_wrong_key_is_refused_everywhere(site: Site, project: Path, zenoh_router: str, free_port: int) -> None:
     keys = '[{"name": "guide", "key": "guide-app-key-0001", "scopes": ["positions"]}, "demo-api-key"]'
     with running(site, project, zenoh_router, free_port, api_keys=keys) as address:

@@ -90,6 +90,10 @@ def test_a_problem_is_shown_in_plain_words_without_taking_the_service_out_of_wor
     _, port = start(zenoh_router, "--behaviour", "ill")
     assert json.loads(wait_for(port, "/readyz", 200))["problems"] == {"camera": "the stream is silent"}
     assert "atrium_problems 1.0" in wait_for(port, "/metrics", 200)
+    with Bus([zenoh_router], wait=5.0) as bus:
+        key, told = next(bus.ask(Keys("hall").health()))
+        assert key == Keys("hall").health("tiny", "0")
+        assert json.loads(told) == {"camera": "the stream is silent"}
 
 
 def test_a_service_without_a_router_is_alive_not_ready_and_gets_ready_when_one_comes(

@@ -90,6 +90,14 @@ def test_a_late_frame_does_not_turn_time_back_but_a_new_pass_of_a_recording_coun
     assert live.take_tracks(frame(1.0, ["q"]), origin=101.0)
 
 
+def test_a_clock_that_ran_ahead_and_is_set_right_does_not_hide_the_present(live: LiveState) -> None:
+    """For a few seconds a camera stamps its frames an hour ahead; the frames after these are the truth."""
+    assert live.take_tracks(frame(50.0, ["p"]), origin=100.0)
+    assert live.take_tracks(frame(3650.0, ["ghost"]), origin=3700.0)
+    assert live.take_tracks(frame(54.0, ["p"]), origin=104.0)
+    assert [(p["device"], p["state"]) for p in positions(live, 104.0)] == [("p", "confirmed")]
+
+
 def test_an_area_not_in_the_site_file_is_left_out(live: LiveState) -> None:
     assert not live.take_tracks(frame(50.0, ["p"], area="elsewhere"), origin=100.0)
     assert positions(live, 100.0) == []
