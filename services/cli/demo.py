@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import socket
 import threading
 from collections.abc import Callable
@@ -149,6 +150,10 @@ class Demo:
 
     def _plan(self) -> tuple[list[ProcessSpec], list[ProcessSpec]]:
         database = self._folder / f"{self.site.site}.db"
+        # For a fusion that is killed in mid-run; who was about in the demo before is nobody's business now.
+        state = self._folder / f"{self.site.site}-state"
+        shutil.rmtree(state, ignore_errors=True)
+        state.mkdir(parents=True)
         scenario_file = self.site_file.parent / "scenario.yaml"
         played: set[str] = set()
         wanted: list[tuple[str, str, dict[str, str]]] = [
@@ -162,7 +167,11 @@ class Demo:
                     f"fusion-{area.id}" if len(self.site.areas) > 1 else "fusion",
                     "services.fusion",
                     # Cameras start last: for the first seconds their silence is no news.
-                    {"ATRIUM_AREA": area.id, "ATRIUM_SILENT_AFTER": "15"},
+                    {
+                        "ATRIUM_AREA": area.id,
+                        "ATRIUM_SILENT_AFTER": "15",
+                        "ATRIUM_STATE_FOLDER": str(state),
+                    },
                 )
                 for area in self.site.areas
             ),

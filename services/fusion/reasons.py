@@ -64,7 +64,7 @@ EXPLANATIONS: dict[str, Explanation] = {
         "its clock jumps: set NTP on the camera; a recorded video that starts over is taken for a new pass by itself",
     ),
     "frame from the far future": Explanation(
-        1,
+        3,
         "a camera's clock is ahead of the other cameras'",
         "set NTP on the camera or correct its latency in the site file",
     ),
