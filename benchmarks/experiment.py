@@ -105,7 +105,7 @@ class Experiment:
 
     name: str
     question: str
-    kind: Literal["recording", "twin", "model", "speed"]
+    kind: Literal["recording", "twin", "model", "formula", "speed"]
     scenario: str
     run: Callable[[Options, Progress], Figures]
     seed: int = 0

@@ -35,6 +35,7 @@ KINDS = {
         "alone, before any identity tracker was scored on it.",
     ),
     "model": ("The twin held against reality", ""),
+    "formula": ("Formulas in small worlds of their own", ""),
     "speed": ("Speed", "Times depend on the machine named; what is compared was measured in the same run."),
 }
 """What a reader can trust the figures for, in the order of the page."""

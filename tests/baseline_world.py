@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.baselines.survey import Survey
+from benchmarks.reference_world import DEPTH, WIDTH, ring, walk
 from benchmarks.world_record import Truth, WorldRecord
 from shared.messages import DetectionFrame, RadioScan
 from shared.radio import PathLoss
@@ -18,12 +19,10 @@ from shared.site import Site
 
 Array = NDArray[np.float64]
 
-WIDTH, DEPTH = 11.0, 9.0
 VIEW = np.array([[0.0, 0.0], [WIDTH, 0.0], [WIDTH, DEPTH], [0.0, DEPTH]])
 
 
 def make_site(access_points: int = 12) -> Site:
-    around = np.linspace(0.0, 2.0 * np.pi, access_points, endpoint=False)
     return Site.model_validate(
         {
             "format": "atrium-site/1",
@@ -31,8 +30,8 @@ def make_site(access_points: int = 12) -> Site:
             "floors": [{"id": "ground", "outline": VIEW.tolist()}],
             "areas": [{"id": "yard", "floor": "ground"}],
             "access_points": [
-                {"id": f"ap-{i}", "floor": "ground", "position": [5.5 + 6.5 * np.cos(a), 4.5 + 5.5 * np.sin(a), 2.5]}
-                for i, a in enumerate(around)
+                {"id": f"ap-{i}", "floor": "ground", "position": [*place, 2.5]}
+                for i, place in enumerate(ring(access_points).tolist())
             ],
         }
     )
@@ -50,29 +49,6 @@ def sighted(t: float, places: Sequence[Sequence[float]] | Array, sigma: float = 
         confidence=[0.9] * len(places),
         box=[(0.0, 0.0, 20.0, 50.0)] * len(places),
     )
-
-
-def walk(rng: np.random.Generator, t: Array, people: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Walk from waypoint to waypoint with pauses; return positions (n, p, 2) and who moves (n, p)."""
-    positions = np.empty((len(t), people, 2))
-    moving = np.zeros((len(t), people), bool)
-    for person in range(people):
-        now, at = 0.0, rng.uniform([0.5, 0.5], [WIDTH - 0.5, DEPTH - 0.5])
-        corners, times = [at], [now]
-        while now < t[-1] - t[0]:
-            goal = rng.uniform([0.5, 0.5], [WIDTH - 0.5, DEPTH - 0.5])
-            now += float(np.hypot(*(goal - at))) / rng.uniform(0.5, 1.1)
-            corners.append(goal)
-            times.append(now)
-            now += rng.uniform(2.0, 15.0)
-            corners.append(goal)
-            times.append(now)
-            at = goal
-        since = t - t[0]
-        for axis in range(2):
-            positions[:, person, axis] = np.interp(since, times, np.array(corners)[:, axis])
-        moving[:, person] = np.searchsorted(times, since, side="left") % 2 == 1
-    return positions, moving
 
 
 @dataclass
