@@ -82,7 +82,7 @@ class LiteralRbmcda:
 
     def __init__(self, radio: PathLoss, extent: Array, devices: int, parameters: LiteralParameters, seed: int) -> None:
         self._radio, self._parameters, self._area = radio, parameters, float(np.prod(extent))
-        self._rng = np.random.default_rng(seed)
+        self._rng = np.random.default_rng([1, seed])  # apart from the world's, which may have the same seed
         x, y = (np.arange(0.5 * CELL, length, CELL) for length in extent)
         self._level = radio.rssi(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
         shape = parameters.particles, devices
