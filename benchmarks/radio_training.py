@@ -18,7 +18,7 @@ from benchmarks.world_record import WorldRecord
 from services.fusion.area_view import AreaView
 from services.fusion.registry import DEFAULT_TRACKER
 from shared.messages import RadioScan
-from shared.radio import RadioLearner, RadioModel, RadioPrior, device_offsets, novelty
+from shared.radio import RadioLearner, RadioModel, RadioPrior, device_offsets, novelty, shared_out, visit_variance
 
 __all__ = ["PRIOR", "learn_from_run", "train_radio", "warmed_up"]
 
@@ -30,6 +30,8 @@ LAG = 5.0
 """Seconds for which a name may still be revised before it teaches."""
 SURE = 0.5
 """Probability from which a name teaches, and by as much as it is: on a site as found few are surer, and rightly so."""
+SPOT = 1.0
+"""Metres; a phone's readings along one track in a square of that side are one visit."""
 FEWEST = 4
 """Scans along one track; fewer teach nothing, because too often the name was a guess."""
 
@@ -72,15 +74,27 @@ def learn_from_run(
     who, point = rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64)
     places, spread, share = rows[:, 3:5], rows[:, 5], rows[:, 6]
     residual = rows[:, 2] - view.radio.rssi(places)[np.arange(len(rows)), point]
-    offsets = device_offsets(view.radio, prior, who, places, point, residual, prior.noise(spread) / share)
-    learner.learn(places, spread, point, residual - offsets[who], share)
+    spots = np.column_stack([point, np.floor(places / SPOT)])
+    spot = _numbered(spots)
+    visit = _numbered(np.column_stack([spots, who, rows[:, 7]]))
+    noise = prior.noise(spread)
+    alone = worth = share / noise
+    for _ in range(2):  # what a visit is worth takes the phones' offsets, and these what it is worth
+        offsets = device_offsets(view.radio, prior, who, places, point, residual, 1.0 / worth)
+        worth = shared_out(visit, alone, visit_variance(spot, visit, residual - offsets[who], alone))
+    learner.learn(places, spread, point, residual - offsets[who], worth * noise)
     return learner.solve(site)
+
+
+def _numbered(keys: Array) -> NDArray[np.int64]:
+    """Return the number of each of (n, k) keys among all that differ, (n,)."""
+    return np.unique(keys, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
 
 
 def _readings(
     run: FusionRun, device: str, scans: Sequence[RadioScan], column: Mapping[str, int], number: int
 ) -> list[Array]:
-    """Return rows (device, access point, level, x, y, spread, share) of one device's readings on sure tracks."""
+    """Return rows (device, access point, level, x, y, spread, share, track) of a device's readings on sure tracks."""
     if not scans:
         return []
     t = np.array([scan.t for scan in scans])
@@ -96,5 +110,6 @@ def _readings(
         scan = scans[row]
         for name, level in zip(scan.access_point, scan.rssi, strict=True):
             if name in column:
-                rows.append(np.array([number, column[name], level, *places[index], sigma[index], share[index]]))
+                told = (*places[index], sigma[index], share[index], track[row])
+                rows.append(np.array([number, column[name], level, *told]))
     return rows

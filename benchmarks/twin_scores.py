@@ -14,10 +14,12 @@ from benchmarks.baselines.figures import baseline_window_errors
 from benchmarks.fusion_run import run_fusion
 from benchmarks.identity_metrics import IdentityScore, score_identity
 from benchmarks.position_error import centre_of, error_cdf, percentiles, window_rmse
+from benchmarks.radio_training import train_radio, warmed_up
 from benchmarks.track_reading import named_positions, windows_of
 from benchmarks.world_record import Truth, WorldRecord
 from benchmarks.world_run import load, record_world, with_access_points
 from benchmarks.world_survey import survey_world
+from services.fusion.area_view import AreaView
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -30,6 +32,10 @@ FUSION = "evidence"
 """The shipped tracker, by its name among the methods …"""
 METHODS = {FUSION: FUSION, "rbmcda": "rbmcda", "forces": "rbmcda-forces"}
 """… and all that name phones: tracker by method."""
+WARM = f"{FUSION}_warm"
+"""The shipped one where other people taught it the site's radio on another day."""
+OTHERS = 1000
+"""Added to the seed of a world: that of the people who teach."""
 NAMES = {
     "radio": "radio only (Horus)",
     "vision": "vision only, 1 Hz (RBMCDA)",
@@ -38,6 +44,7 @@ NAMES = {
     "rbmcda": "particle filter (RBMCDA)",
     "forces": "particle filter, social forces",
     FUSION: "shipped fusion",
+    WARM: "shipped fusion, radio learned",
 }
 
 
@@ -57,7 +64,13 @@ class TwinScores:
 
 
 def score_twin(
-    scenario: str, seed: int, seconds: float | None = None, *, fusion: bool = True, access_points: int | None = None
+    scenario: str,
+    seed: int,
+    seconds: float | None = None,
+    *,
+    fusion: bool = True,
+    access_points: int | None = None,
+    taught: float | None = None,
 ) -> TwinScores:
     """Make a world and return how far off every method is.
 
@@ -67,18 +80,27 @@ def score_twin(
         seconds: how much of it; None: all.
         fusion: run the trackers that name phones too.
         access_points: how many of the site's the tracker is given; None: all. Horus always has all of them.
+        taught: for how many seconds of another day other people teach the site's radio, through the tracker's own
+            tracks; None: the shipped tracker is scored on the site as found only.
     """
     described, site = load(scenario)
     records = record_world(described, site, seed, seconds=seconds, motion=fusion)
+    teachers = record_world(described, site, seed, seconds=taught, people=seed + OTHERS) if taught else {}
     scores = TwinScores()
     identities = []
     for area, record in records.items():
         survey = survey_world(described, site, area, seed, within=record.view)
         errors = dict(baseline_window_errors(record, survey))
         if fusion:
-            chosen = with_access_points(record, used_access_points(record, access_points))
-            for method, tracker in METHODS.items():
-                tracks = run_fusion(chosen, tracker).frames
+            used = used_access_points(record, access_points)
+            chosen = with_access_points(record, used)
+            view = AreaView.of(chosen.site, area)
+            runs = [(method, tracker, view) for method, tracker in METHODS.items()]
+            if area in teachers:
+                model = train_radio(with_access_points(teachers[area], used), FUSION)
+                runs.append((WARM, FUSION, warmed_up(view, model)))
+            for method, tracker, known in runs:
+                tracks = run_fusion(chosen, tracker, view=known).frames
                 estimate = named_positions(record.truth, tracks)
                 errors[method] = window_rmse(record.truth, estimate, centre_of(record.view)).rmse
                 if method == FUSION:

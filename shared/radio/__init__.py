@@ -5,6 +5,7 @@ from shared.radio.path_loss import PathLoss
 from shared.radio.radio_learning import RadioLearner, RadioPrior, device_offsets, novelty
 from shared.radio.radio_model import RadioModel, RadioModelError, read_radio_model, write_radio_model
 from shared.radio.shadowing_map import ShadowingMap
+from shared.radio.visits import shared_out, visit_variance
 
 __all__ = [
     "PathLoss",
@@ -18,5 +19,7 @@ __all__ = [
     "log_likelihood",
     "novelty",
     "read_radio_model",
+    "shared_out",
+    "visit_variance",
     "write_radio_model",
 ]

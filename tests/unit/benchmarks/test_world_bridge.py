@@ -7,15 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks import twin_scores
 from benchmarks.fusion_run import chunks_of
 from benchmarks.identity_metrics import IdentityScore
-from benchmarks.twin_scores import TwinScores, figures_of
+from benchmarks.twin_scores import TwinScores, figures_of, score_twin
 from benchmarks.world_record import Truth, WorldRecord
 from benchmarks.world_run import EPOCH, load, record_world, with_access_points
 from benchmarks.world_survey import survey_world
+from services.fusion.area_view import AreaView
 from services.simulator.phones.fleet import Flushes
 from services.simulator.radio.radio_changes import PowerChange
 from shared.messages import DetectionFrame, RadioScan
+from shared.radio import RadioLearner, RadioModel
 
 SCENARIO, SITE = load("museum")
 NOBODY = Truth(np.array([EPOCH]), [], [], np.zeros((1, 0, 2)), np.zeros((1, 0), bool))
@@ -120,3 +123,25 @@ def test_no_tracker_sees_the_truth() -> None:
     record = record_world(SCENARIO, SITE, SCENARIO.seeds.train, seconds=10.0, motion=False)["hall"]
     blind = replace(record, truth=NOBODY)
     assert list(chunks_of(blind)) == list(chunks_of(record))
+
+
+def test_other_people_teach_the_radio_of_the_world_that_is_scored(monkeypatch: pytest.MonkeyPatch) -> None:
+    teachers = []
+
+    def taught_by(record: WorldRecord, tracker: str) -> RadioModel:
+        teachers.append(record)
+        view = AreaView.of(record.site, record.area)
+        return RadioLearner.over(view.radio, view.lower, view.upper).solve(record.site.site)
+
+    monkeypatch.setattr(twin_scores, "train_radio", taught_by)
+    monkeypatch.setattr(twin_scores, "METHODS", {"evidence": "evidence"})
+    monkeypatch.setattr(twin_scores, "baseline_window_errors", lambda record, survey: {})
+    seed = SCENARIO.seeds.train
+    scores = score_twin("museum", seed, seconds=10.0, access_points=2, taught=20.0)
+    assert {"evidence", "evidence_warm"} == set(scores.errors)
+    assert "trial1_p90_evidence_warm" in figures_of(scores, "trial1")
+    [teacher] = teachers
+    scored = record_world(SCENARIO, SITE, seed, seconds=10.0, motion=False)["hall"]
+    assert len(teacher.site.access_points) == 2
+    assert len(teacher.truth.t) == 2 * len(scored.truth.t)
+    assert not np.array_equal(teacher.truth.position[: len(scored.truth.t)], scored.truth.position, equal_nan=True)
