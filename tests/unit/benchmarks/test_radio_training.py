@@ -57,3 +57,12 @@ def test_names_that_are_not_sure_and_tracks_that_nobody_bears_teach_nothing(worl
         model = learn_from_run(run, scans, view, "test-hall")
         assert not model.shadowing.mean.any()
         np.testing.assert_array_equal(model.path_loss.power_1m, view.radio.power_1m)
+
+
+def test_names_that_go_round_teach_a_model_that_is_less_sure(world: World, tmp_path: Path) -> None:
+    view, scans = make_view(tmp_path), scans_of(world)
+    right = published(world, {number + 1: str(number) for number in range(4)})
+    wrong = published(world, {number + 1: str((number + 1) % 4) for number in range(4)})
+    walked = np.concatenate([world.places(world.t0 + t) for t in np.arange(0.5, 60.0, 3.0)])
+    sure, doubtful = (learn_from_run(run, scans, view, "test-hall").shadowing.at(walked)[1] for run in (right, wrong))
+    assert doubtful.mean() > 1.2 * sure.mean()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -126,22 +127,26 @@ def test_no_tracker_sees_the_truth() -> None:
 
 
 def test_other_people_teach_the_radio_of_the_world_that_is_scored(monkeypatch: pytest.MonkeyPatch) -> None:
-    teachers = []
+    made, teachers = [], []
+
+    def recorded(*args: Any, **more: Any) -> dict[str, WorldRecord]:
+        made.append(record_world(*args, **more))
+        return made[-1]
 
     def taught_by(record: WorldRecord, tracker: str) -> RadioModel:
         teachers.append(record)
         view = AreaView.of(record.site, record.area)
         return RadioLearner.over(view.radio, view.lower, view.upper).solve(record.site.site)
 
+    monkeypatch.setattr(twin_scores, "record_world", recorded)
     monkeypatch.setattr(twin_scores, "train_radio", taught_by)
     monkeypatch.setattr(twin_scores, "METHODS", {"evidence": "evidence"})
     monkeypatch.setattr(twin_scores, "baseline_window_errors", lambda record, survey: {})
-    seed = SCENARIO.seeds.train
-    scores = score_twin("museum", seed, seconds=10.0, access_points=2, taught=20.0)
+    monkeypatch.setattr(twin_scores, "survey_world", lambda *args, **more: None)
+    scores = score_twin("museum", SCENARIO.seeds.train, seconds=10.0, access_points=2, taught=10.0)
     assert {"evidence", "evidence_warm"} == set(scores.errors)
     assert "trial1_p90_evidence_warm" in figures_of(scores, "trial1")
-    [teacher] = teachers
-    scored = record_world(SCENARIO, SITE, seed, seconds=10.0, motion=False)["hall"]
+    [scored, taught], [teacher] = [one["hall"].truth for one in made], teachers
+    assert teacher.truth is taught
     assert len(teacher.site.access_points) == 2
-    assert len(teacher.truth.t) == 2 * len(scored.truth.t)
-    assert not np.array_equal(teacher.truth.position[: len(scored.truth.t)], scored.truth.position, equal_nan=True)
+    assert not np.array_equal(taught.position, scored.position, equal_nan=True)
