@@ -50,7 +50,9 @@ EXPERIMENT = Experiment(
 areas of a trial together: RMSE of each carrier in each minute, over the times in view. `evidence` (the shipped
 tracker), `rbmcda` (the study's particle filter, 100 particles) and `forces` (the same with social forces) are causal,
 with 6 of the 12 access points, radio constants unknown, steps from raw inertial samples through the gateway's own dead
-reckoning; where one gives a phone no position the last one is held. `rbmcda` takes one cycle a second, of
+reckoning; where one gives a phone no position the last one is held. `evidence_warm` is
+`evidence` where 20 minutes of other people in the same radio world, on a day of their own, taught it the site's radio
+before, in one round, through the tracker's own tracks and names, without truth. `rbmcda` takes one cycle a second, of
 the people whom the anonymous layer follows from frame to frame, holds walks against their paths once phones have told
 them, carries what each access point is off in its state, and weighs every device by itself; the study published none of
 this. `radio` (Horus, 12 access points, surveyed), `vision`

@@ -1,7 +1,9 @@
 """What would a site's own running teach it about its radio? A model learned from published tracks, without truth.
 
-Every scan of a device whose track bore its name when fusion had thought it over is a reading at a known place. The
-tracker runs over the same time again with what was learned, names a few more tracks right, and teaches again.
+Every scan of a device whose track bore its name when fusion had thought it over is a reading at a known place. What all
+readings of one visit to a spot have in common (how the carrier faces, a wrong name) is not averaged away by more of
+them; how large it is, visits to one spot that disagree show. The tracker runs over the same time again with what was
+learned, names a few more tracks right, and teaches again.
 """
 
 from __future__ import annotations

@@ -36,6 +36,8 @@ WARM = f"{FUSION}_warm"
 """The shipped one where other people taught it the site's radio on another day."""
 OTHERS = 1000
 """Added to the seed of a world: that of the people who teach."""
+ROUNDS = 1
+"""Of teaching: for twenty minutes of an area one takes about half a minute."""
 NAMES = {
     "radio": "radio only (Horus)",
     "vision": "vision only, 1 Hz (RBMCDA)",
@@ -97,7 +99,7 @@ def score_twin(
             view = AreaView.of(chosen.site, area)
             runs = [(method, tracker, view) for method, tracker in METHODS.items()]
             if area in teachers:
-                model = train_radio(with_access_points(teachers[area], used), FUSION)
+                model = train_radio(with_access_points(teachers[area], used), FUSION, ROUNDS)
                 runs.append((WARM, FUSION, warmed_up(view, model)))
             for method, tracker, known in runs:
                 tracks = run_fusion(chosen, tracker, view=known).frames

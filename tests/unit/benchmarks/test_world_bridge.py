@@ -133,7 +133,7 @@ def test_other_people_teach_the_radio_of_the_world_that_is_scored(monkeypatch: p
         made.append(record_world(*args, **more))
         return made[-1]
 
-    def taught_by(record: WorldRecord, tracker: str) -> RadioModel:
+    def taught_by(record: WorldRecord, tracker: str, rounds: int) -> RadioModel:
         teachers.append(record)
         view = AreaView.of(record.site, record.area)
         return RadioLearner.over(view.radio, view.lower, view.upper).solve(record.site.site)
