@@ -89,6 +89,13 @@ EXPLANATIONS: dict[str, Explanation] = {
     "motion too old": Explanation(30, "steps arrive too late to be live", _PHONE_CLOCK),
     "radio from the far future": Explanation(30, "radio is ahead of the cameras' time", _PHONE_CLOCK),
     "motion from the far future": Explanation(30, "steps are ahead of the cameras' time", _PHONE_CLOCK),
+    "radio of another time": Explanation(30, "radio is marked late, or its time is not the cameras'", _PHONE_CLOCK),
+    "motion of another time": Explanation(30, "steps are marked late, or their time is not the cameras'", _PHONE_CLOCK),
+    "phone whose place was no number": Explanation(
+        1,
+        "what a phone told made its place overflow, and it was placed anew",
+        "see what the gateway publishes of steps and radio: a length, a variance or a level must be absurd",
+    ),
     "radio waiting for cameras": Explanation(1, "phones report and no camera does", "start the cameras"),
     "motion waiting for cameras": Explanation(1, "phones report and no camera does", "start the cameras"),
     "phone's data marked late": Explanation(

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -14,8 +15,9 @@ from fusion_world import World, chunk, frame, make_site
 from services.fusion.area_view import AreaView
 from services.fusion.chunks import period_of
 from services.fusion.registry import TRACKERS, make_tracker
+from services.fusion.snapshot import unpack
 from services.fusion.tracker import Chunk, Tracker, TrackerStateError
-from shared.messages import DetectionFrame, MotionBatch, RadioScan, TrackFrame, encode
+from shared.messages import DetectionFrame, Erasure, MotionBatch, RadioScan, TrackFrame, encode
 from shared.site import Site
 
 
@@ -215,6 +217,77 @@ def test_no_device_is_on_two_tracks_and_no_column_is_odd(tracker: Tracker, chunk
         assert all(xx > 0.0 and xx * yy > xy * xy for xx, xy, yy in tracks.covariance)
 
 
+def withdrawal(after: Chunk, *devices: str) -> Chunk:
+    """A chunk in which these withdraw, and no camera speaks."""
+    told = tuple(Erasure(t=after.t_end, device=device) for device in devices)
+    return Chunk(after.index + 1, after.t_end, 2.0 * after.t_end - after.t_start, erasures=told)
+
+
+def values(state: Any, path: str = "", found: dict[str, set[str]] | None = None) -> dict[str, set[str]]:
+    """Return the different numbers and words of a state by where they stand, rows and numbered keys being alike."""
+    found = {} if found is None else found
+    if isinstance(state, dict) and state.keys() == {"type", "shape", "data"}:
+        found.setdefault(path, set()).update(map(str, unpack(state).ravel().tolist()))
+    elif isinstance(state, dict):
+        for key, value in state.items():
+            number = key.isdigit()
+            found.setdefault(f"{path}.keys", set()).add(key)
+            values(value, f"{path}.*" if number else f"{path}.{key}", found)
+    elif isinstance(state, list):
+        for value in state:
+            values(value, f"{path}.*", found)
+    else:
+        found.setdefault(path, set()).add(str(state))
+    return found
+
+
+OF_ALL = (".identity.calibration", ".constants", ".generator", ".ignored")
+"""What a tracker may keep of those who withdrew, for it is nobody's: constants of the radio, and counts."""
+
+
+def test_who_withdrew_leaves_nothing_behind(tracker: Tracker, view: AreaView, chunks: list[Chunk]) -> None:
+    """No name, no row, no walk, no chain: the state is as full as one of a tracker that never heard a phone.
+
+    A free row may hold a fresh one's values, which are all the same: one value more than without the row.
+    """
+    names = [f"phone of {number}" for number in range(5)]
+    deaf = fresh(tracker, view)
+    for one in chunks:
+        scans, motions = (
+            tuple(msgspec.structs.replace(told, device=names[int(told.device)]) for told in kind)
+            for kind in (one.scans, one.motions)
+        )
+        tracker.step(dataclasses.replace(one, scans=scans, motions=motions))
+        deaf.step(dataclasses.replace(one, scans=(), motions=()))
+    frame_after = tracker.step(withdrawal(chunks[-1], *names))
+    deaf.step(withdrawal(chunks[-1]))
+    assert not set(frame_after.device) & set(names)
+    assert "phone of" not in tracker.state().decode()
+    left, without = (values(msgspec.json.decode(one.state())) for one in (tracker, deaf))
+    more = {
+        path: found
+        for path, found in left.items()
+        if len(found - {"None"}) > len(without.get(path, set()) - {"None"}) + 1 and not path.startswith(OF_ALL)
+    }
+    assert more == {}
+
+
+def test_others_stay_where_they_are_while_somebody_withdraws(tracker: Tracker, chunks: list[Chunk]) -> None:
+    before = run(tracker, chunks)[-1]
+    assert len(before.track) >= 5
+    stranger = tracker.step(withdrawal(chunks[-1], "a stranger"))
+    assert (stranger.track, stranger.x, stranger.device) == (before.track, before.x, before.device)
+    after = tracker.step(withdrawal(chunks[-1], "0"))
+    assert "0" not in after.device
+    rows = zip(before.track, before.device, before.state, strict=True)
+    others = {
+        track
+        for track, device, state in rows
+        if device != "0" or (tracker.name not in PHONES_ONLY and state != "unseen")
+    }
+    assert others == set(after.track)
+
+
 def test_nonsense_is_ignored_and_nothing_raises(tracker: Tracker) -> None:
     nan, inf = float("nan"), float("inf")
     walk_east(tracker)
@@ -290,7 +363,23 @@ def test_memory_stays_bounded_however_long_it_runs(tracker: Tracker) -> None:
                 )
                 for who in range(2)
             ]
-            tracker.step(chunk(frame(t, places, seq=number), scans=scans if number % 7 == 0 else ()))
+            motions = [
+                MotionBatch(
+                    t=t,
+                    t_start=t - 1.0,
+                    device=scan.device,
+                    seq=number,
+                    activity="walking",
+                    step_t=[t - 0.5, t],
+                    length=[0.6, 0.6],
+                    length_variance=[0.01, 0.01],
+                    heading=rng.uniform(-3.0, 3.0, 2).tolist(),
+                    heading_variance=[0.05, 0.05],
+                )
+                for scan in scans
+            ]
+            told = (scans, motions) if number % 7 < 2 else ((), ())
+            tracker.step(chunk(frame(t, places, seq=number), scans=told[0], motions=told[1]))
         sizes.append(len(tracker.state()))
     assert max(sizes[30:]) <= 1.3 * max(sizes[10:30])
 

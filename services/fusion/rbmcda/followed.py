@@ -42,6 +42,7 @@ class FollowedPeople:
         self._layer = AnonymousLayer(view)
         self._settings = settings
         self._told_since: dict[int, float] = {}
+        self._told_last: list[int] = []
 
     def cycle(self, frames: Sequence[DetectionFrame], t: float) -> tuple[Sightings, int]:
         """Return who is seen at ``t``, the end of a cycle, and how many detections made no sense."""
@@ -58,7 +59,10 @@ class FollowedPeople:
         tracks = layer.tracks
         told = np.flatnonzero(layer.told())
         links = tracks.ids[told]
-        self._told_since = {link: self._told_since.get(link, t) for link in links.tolist()}
+        # The cycle before is worked on now: whoever was told of then, and is gone, has an age there still.
+        since = {link: self._told_since[link] for link in self._told_last}
+        self._told_last = links.tolist()
+        self._told_since = since | {link: self._told_since.get(link, t) for link in self._told_last}
         sightings = Sightings(
             places=tracks.mean[told, :2],
             noise=tracks.spread()[told],
@@ -83,6 +87,7 @@ class FollowedPeople:
             "layer": self._layer.state(),
             "walks": self.walks.state(),
             "told_since": [[link, t] for link, t in self._told_since.items()],
+            "told_last": list(self._told_last),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -90,6 +95,7 @@ class FollowedPeople:
         self._layer.restore(state["layer"])
         self.walks.restore(state["walks"])
         self._told_since = {int(link): float(t) for link, t in state["told_since"]}
+        self._told_last = [int(link) for link in state["told_last"]]
 
     def _follow(self, t: float) -> None:
         tracks = self._layer.tracks

@@ -26,8 +26,11 @@ PACE = 1.2
 STALE = 3.0
 """Seconds without a report after which nothing is known of a phone's motion."""
 LARGEST_STEP = 2.0
-"""Metres; and radians² of a heading that says nothing."""
+"""Metres; and m² of a length, and radians² of a heading, that says nothing."""
+LARGEST_SPREAD = 1.0
 LARGEST_VARIANCE = 3.0
+LATEST = 1.0
+"""Seconds after a report's end beyond which a step in it has no time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,14 +80,14 @@ class WalkLog:
         for index, end in enumerate(motion.step_t):
             length, heading = motion.length[index], motion.heading[index]
             spread, turn = motion.length_variance[index], motion.heading_variance[index]
-            if not (math.isfinite(end) and 0.0 <= length <= LARGEST_STEP and math.isfinite(heading)) or end <= before:
+            if not (before < end <= motion.t + LATEST and 0.0 <= length <= LARGEST_STEP and math.isfinite(heading)):
                 continue
-            spread = spread if math.isfinite(spread) and spread >= 0.0 else 0.1
+            spread = min(spread, LARGEST_SPREAD) if math.isfinite(spread) and spread >= 0.0 else 0.1
             turn = min(turn, LARGEST_VARIANCE) if math.isfinite(turn) and turn >= 0.0 else LARGEST_VARIANCE
             begin = before if end - before <= LONGEST_STEP else end - USUAL_STEP
             other = motion.other_probability[index] if motion.other_probability else 0.0
             self.steps.append((begin, end, *_step(length, heading, spread, turn)))
-            if other > 0.0:
+            if other > 0.0 and math.isfinite(motion.other_heading[index]):
                 self.steps[-1] = (begin, end, *_either(length, heading, motion.other_heading[index], other, turn))
             before = end
         if motion.t >= self.known_until:

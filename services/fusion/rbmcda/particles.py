@@ -7,7 +7,7 @@ the device as different people: each state is kept once.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,11 +68,15 @@ class Particles:
         )
 
     def without(self, device: int) -> Particles:
-        """Return them without one device."""
+        """Return them without one device, nor any state of it: it may have asked to be forgotten."""
+        kept = np.delete(self.state, device, axis=1)
+        held, state = np.unique(kept, return_inverse=True)
         return replace(
             self,
             weight=np.delete(self.weight, device, axis=1),
-            state=np.delete(self.state, device, axis=1),
+            mean=self.mean[:, held],
+            covariance=self.covariance[:, :, held],
+            state=state.reshape(kept.shape),
             fed=np.delete(self.fed, device, axis=1),
             seen=np.delete(self.seen, device, axis=1),
             link=np.delete(self.link, device, axis=1),
@@ -194,3 +198,12 @@ class Estimate:
     agreed: Array
     seen_as: Indices
     weight: Array
+
+    def finite(self) -> NDArray[np.bool_]:
+        """Return of which devices (X,) all is a number."""
+        total: Array = self.mean.sum(axis=0) + self.covariance.sum(axis=(0, 1)) + self.biases.sum(axis=0)
+        return np.isfinite(total)
+
+    def of_devices(self, kept: NDArray[np.bool_]) -> Estimate:
+        """Return it for some of the devices only."""
+        return Estimate(*(getattr(self, field.name)[..., kept] for field in fields(self)))

@@ -81,7 +81,7 @@ class Readings:
 
     def forget(self, device: str) -> None:
         """Forget a device."""
-        for held in (self._waiting, self._by_site, self._offset):
+        for held in (self._waiting, self._by_site, self._offset, self._last_by_site):
             held.pop(device, None)
 
     def state(self) -> dict[str, Any]:

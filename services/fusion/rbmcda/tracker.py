@@ -30,12 +30,13 @@ from services.fusion.rbmcda.learned_obstacles import LearnedObstacles
 from services.fusion.rbmcda.particles import Cycle, Draws, Estimate, Particles
 from services.fusion.rbmcda.present import carried_on
 from services.fusion.rbmcda.readings import Readings
+from services.fusion.rbmcda.said_again import said_again, without_device
 from services.fusion.rbmcda.settings import RbmcdaSettings
 from services.fusion.rbmcda.sightings import Sightings
 from services.fusion.rbmcda.surroundings import Surroundings
 from services.fusion.snapshot import counts, encode_snapshot, unpack
 from services.fusion.tracker import Chunk, TrackerStateError
-from shared.messages import Revision, TrackFrame, pack_covariances
+from shared.messages import Revision, TrackFrame, decode, pack_covariances
 
 __all__ = ["ForcedRbmcdaTracker", "RbmcdaTracker"]
 
@@ -69,6 +70,7 @@ class RbmcdaTracker:
         self._people = FollowedPeople(self.view, self.settings)
         self._t, self._done = -math.inf, -math.inf
         self._held: tuple[float, Sightings, list[str]] | None = None
+        self._said: TrackFrame | None = None
 
     def step(self, chunk: Chunk) -> TrackFrame:
         """Consume one chunk: a cycle."""
@@ -86,16 +88,17 @@ class RbmcdaTracker:
         for erasure in chunk.erasures:
             self._forget(erasure.device)
         if not frames:
-            return self._frame(chunk, None, [])
+            return said_again(self._said, chunk, self.view.area, self.name)
         self._t = t
         for device in [name for name in self._told if t - self._told[name] > self.settings.forget]:
             self._forget(device)
         seen, nonsense = self._people.cycle(frames, t)
-        self._ignore("detection without a place on the floor", nonsense)
+        self._ignore("detection off the floor or without an extent", nonsense)
         held, self._held = self._held, (t, seen, sorted({frame.camera for frame in frames}))
         if held is None:
-            return self._frame(chunk, None, [])
-        return self._work(chunk, held, seen)
+            return said_again(None, chunk, self.view.area, self.name)
+        self._said = self._work(chunk, held, seen)
+        return self._said
 
     def _work(self, chunk: Chunk, held: tuple[float, Sightings, list[str]], now: Sightings) -> TrackFrame:
         """Work on the cycle before, whose steps have come by now, and tell where that leaves everybody."""
@@ -111,6 +114,13 @@ class RbmcdaTracker:
         cycle = self._cycle(before, t, motions, reading, noise, seen, set(live), born)
         draws = Draws.of(self._generator, self.settings.particles, len(self._devices))
         self._particles, estimate = run_cycle(self._particles, cycle, self.settings, draws)
+        finite = estimate.finite()
+        if not finite.all():
+            # Numbers have overflowed, whatever it was: these begin anew with what they tell next.
+            estimate, motions = estimate.of_devices(finite), [motions[index] for index in np.flatnonzero(finite)]
+            for device in [self._devices[index] for index in np.flatnonzero(~finite)]:
+                self._forget(device)
+                self._ignore("phone whose place was no number")
         self._constants.learn(estimate.biases, estimate.fed, t - before)
         self._readings.learn(self._devices, estimate.mean.T, self._around.expected)
         pace = np.array([self._walk(device).pace(self._t) for device in self._devices]).reshape(-1, 2).T
@@ -145,6 +155,7 @@ class RbmcdaTracker:
                 "readings": self._readings.state(),
                 "people": self._people.state(),
                 "constants": self._constants.state(),
+                "said": self._said,
                 "learned": None if self._learned is None else self._learned.state(),
                 "ignored": dict(self._count),
             },
@@ -177,6 +188,7 @@ class RbmcdaTracker:
                 learned.restore(parts["learned"])
             generator = generator_of(parts["generator"])
             done, held = parts["done"], parts["held"]
+            said = None if parts["said"] is None else decode(msgspec.json.encode(parts["said"]), TrackFrame)
             if held is not None:
                 held = float(held[0]), Sightings.of(held[1]), list(held[2])
             t, count = parts["t"], counts(parts["ignored"])
@@ -189,7 +201,7 @@ class RbmcdaTracker:
         self._devices, self._ids, self._next_id, self._told = devices, ids, next_id, told
         self._people, self._constants, self._held, self._learned = people, constants, held, learned
         self._done = -math.inf if done is None else done
-        self._t, self._count = -math.inf if t is None else t, count
+        self._t, self._count, self._said = -math.inf if t is None else t, count, said
 
     def _ignore(self, reason: str, count: int = 1) -> None:
         if count:
@@ -202,25 +214,31 @@ class RbmcdaTracker:
         """Note what phones told, up to a few seconds around the cycle."""
         for scan in chunk.scans:
             if scan.late or not abs(t - scan.t) < self.settings.forget:
-                self._ignore("radio scan of another time")
+                self._ignore("radio of another time")
             elif self._readings.take(scan):
                 self._told[scan.device] = max(scan.t, self._told.get(scan.device, scan.t))
             else:
-                self._ignore("radio scan without a known access point")
+                self._ignore("radio without a known access point")
         for motion in chunk.motions:
             if motion.late or not abs(t - motion.t) < self.settings.forget:
-                self._ignore("motion report of another time")
-            elif self._walk(motion.device).take(motion):
-                self._people.walks.take(motion)
+                self._ignore("motion of another time")
+                continue
+            walk = self._walks.get(motion.device, WalkLog())
+            if walk.take(motion):
+                self._walks[motion.device] = walk
+                if not self._people.walks.take(motion):
+                    self._ignore("motion told again or out of order")
                 self._told[motion.device] = max(motion.t, self._told.get(motion.device, motion.t))
             else:
-                self._ignore("motion report that ends before it begins")
+                self._ignore("motion without a time")
 
     def _forget(self, device: str) -> None:
         self._told.pop(device, None)
         self._walks.pop(device, None)
         self._readings.forget(device)
         self._people.walks.forget(device)
+        if self._said is not None:
+            self._said = without_device(self._said, device)
         if device in self._devices:
             index = self._devices.index(device)
             self._particles = self._particles.without(index)
@@ -298,12 +316,8 @@ class RbmcdaTracker:
         rate: Array = s.switched + s.met * near
         return rate
 
-    def _frame(
-        self, chunk: Chunk, estimate: Estimate | None, motions: Sequence[Displacement], seen: Sightings | None = None
-    ) -> TrackFrame:
+    def _frame(self, chunk: Chunk, estimate: Estimate, motions: Sequence[Displacement], seen: Sightings) -> TrackFrame:
         t = max((frame.t for frame in chunk.frames if math.isfinite(frame.t)), default=chunk.t_start)
-        if estimate is None or seen is None:
-            return TrackFrame(t=t, area=self.view.area, chunk=chunk.index, tracker=self.name)
         count = len(self._devices)
         state: list[Literal["confirmed", "coasting", "unseen"]] = []
         sources = []

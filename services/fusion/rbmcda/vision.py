@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,7 +19,7 @@ from services.fusion.rbmcda.sight_particles import Particles, RbmcdaParameters, 
 from services.fusion.rbmcda.sightings import SightingLinks
 from services.fusion.snapshot import counts, encode_snapshot
 from services.fusion.tracker import Chunk, TrackerStateError
-from shared.messages import Revision, TrackFrame, pack_covariances
+from shared.messages import DetectionFrame, Revision, TrackFrame, pack_covariances
 
 __all__ = ["VisionRbmcdaTracker"]
 
@@ -57,20 +57,10 @@ class VisionRbmcdaTracker:
             self._count["frame of an unknown camera or floor"] += len(chunk.frames) - len(frames)
         told = max((frame.t for frame in chunk.frames if math.isfinite(frame.t)), default=chunk.t_start)
         empty = TrackFrame(t=told, area=self.view.area, chunk=chunk.index, tracker=self.name)
-        if not frames:
-            return empty
-        newest = max(frame.t for frame in frames)
-        if newest < self._t - RbmcdaSettings().set_back:
-            generator = self._particles.generator
-            self._start()
-            self._particles.generator = generator
-        self._t = t = max(newest, self._t)
-        seen, nonsense = self._links.cycle(frames, t)
-        if nonsense:
-            self._count["detection without a place on the floor"] += nonsense
-        self._particles.scan(t, seen.places, seen.noise)
+        if frames:
+            self._look(frames)
         ids, states = self._particles.people()
-        fed = [self._particles.seen_last(int(who)) >= t for who in ids]
+        fed = [bool(frames) and self._particles.seen_last(int(who)) >= self._t for who in ids]
         count = len(ids)
         return msgspec.structs.replace(
             empty,
@@ -90,6 +80,19 @@ class VisionRbmcdaTracker:
             sources=[sorted({frame.camera for frame in frames}) if now else [] for now in fed],
             quality=[1.0 if now else 0.5 for now in fed],
         )
+
+    def _look(self, frames: Sequence[DetectionFrame]) -> None:
+        """Take in what the cameras saw in a cycle."""
+        newest = max(frame.t for frame in frames)
+        if newest < self._t - RbmcdaSettings().set_back:
+            generator = self._particles.generator
+            self._start()
+            self._particles.generator = generator
+        self._t = max(newest, self._t)
+        seen, nonsense = self._links.cycle(frames, self._t)
+        if nonsense:
+            self._count["detection off the floor or without an extent"] += nonsense
+        self._particles.scan(self._t, seen.places, seen.noise)
 
     def revision(self) -> Revision | None:
         """Return nothing: what was said stands."""

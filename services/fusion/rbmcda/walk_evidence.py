@@ -39,6 +39,7 @@ class WalkEvidence:
         self._devices: list[str | None] = []
         self._waiting: dict[str, list[Walk]] = {}
         self._stepped: dict[str, float] = {}
+        self._told_until: dict[str, float] = {}
 
     def follow(self, t: float, link: Indices, places: Array) -> None:
         """Note where (n,) links are at ``t``: (n, 2) metres; a time before the newest is too late to be of use."""
@@ -50,13 +51,17 @@ class WalkEvidence:
         for column in began.tolist():
             self._filters.reset_track(column)
 
-    def take(self, batch: MotionBatch) -> None:
-        """Note what a phone tells of its walk."""
+    def take(self, batch: MotionBatch) -> bool:
+        """Note what a phone tells of its walk; False if it was told before: it must not count twice."""
+        if batch.t <= self._told_until.get(batch.device, -math.inf):
+            return False
+        self._told_until[batch.device] = batch.t
         walks = stretches(batch, self._stepped.get(batch.device, -math.inf))
         if walks and walks[-1].length > 0.0:
             self._stepped[batch.device] = walks[-1].t
         waiting = self._waiting.get(batch.device, []) + walks
         self._waiting[batch.device] = [walk for walk in waiting if walk.t > batch.t - KEPT]
+        return True
 
     def of_cycle(self, devices: list[str], t: float, link: Indices) -> Array:
         """Return (X, d) what the stretches told and ended by ``t`` say for each of (d,) links, nats."""
@@ -76,8 +81,11 @@ class WalkEvidence:
         """Forget a device."""
         self._waiting.pop(device, None)
         self._stepped.pop(device, None)
+        self._told_until.pop(device, None)
         if device in self._devices:
-            self._devices[self._devices.index(device)] = None
+            row = self._devices.index(device)
+            self._devices[row] = None
+            self._filters.reset_device(row)
 
     def state(self) -> dict[str, Any]:
         """Return a copy of all that is known."""
@@ -88,6 +96,7 @@ class WalkEvidence:
             "devices": list(self._devices),
             "waiting": {device: [_told(walk) for walk in walks] for device, walks in self._waiting.items()},
             "stepped": dict(self._stepped),
+            "told_until": dict(self._told_until),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -103,6 +112,7 @@ class WalkEvidence:
         self._filters.restore(state["filters"], rows, columns)
         self._waiting = {device: [_walk(told) for told in walks] for device, walks in state["waiting"].items()}
         self._stepped = {str(device): float(t) for device, t in state["stepped"].items()}
+        self._told_until = {str(device): float(t) for device, t in state["told_until"].items()}
 
     def _weigh(self, row: int, walk: Walk, evidence: Array) -> None:
         """Add what a stretch says for each column."""

@@ -79,3 +79,30 @@ def test_a_restored_one_goes_on_alike() -> None:
         followed(one, 7.0, 9.0)
         one.take(batch(1, 8.0, "walking", 4))
     np.testing.assert_array_equal(evidence.of_cycle(["phone"], 9.0, LINKS), restored.of_cycle(["phone"], 9.0, LINKS))
+
+
+def test_standing_told_again_is_no_new_evidence() -> None:
+    once, again = WalkEvidence(), WalkEvidence()
+    for evidence in (once, again):
+        followed(evidence, 0.0, 10.1)
+        assert evidence.take(batch(0, 2.0, "still"))
+        assert evidence.take(batch(1, 4.0, "still"))
+    restored = WalkEvidence()
+    restored.restore(msgspec.json.decode(encode_snapshot(again.state())))
+    expected = once.of_cycle(["phone"], 4.5, LINKS)
+    assert expected.any()
+    for evidence in (again, restored):
+        assert not evidence.take(batch(2, 4.0, "still"))
+        assert not evidence.take(batch(3, 3.0, "still"))
+        np.testing.assert_array_equal(evidence.of_cycle(["phone"], 4.5, LINKS), expected)
+
+
+def test_who_is_forgotten_leaves_no_walk() -> None:
+    evidence = WalkEvidence()
+    followed(evidence, 0.0, 10.1)
+    evidence.take(batch(0, 6.0, "walking", 4))
+    evidence.of_cycle(["phone"], 6.5, LINKS)
+    evidence.forget("phone")
+    assert "phone" not in str(evidence.state())
+    assert np.isnan(evidence._filters.last).all()
+    assert not evidence._filters.bias.any()
