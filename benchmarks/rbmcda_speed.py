@@ -29,8 +29,12 @@ Array = NDArray[np.float64]
 
 SITE, AREA = "construction-1", "west"
 WARM_UP, TIMED = 4, 9
-PACE = 1.2
-"""Metres per second."""
+PACE = 0.8
+"""Metres per second …"""
+RADIUS = 2.0
+"""… on a circle of so many metres."""
+RATE = 15
+"""Frames a second of the camera."""
 ORACLE = Path(__file__).resolve().parents[1] / "tests" / "rbmcda_oracle.py"
 LOOPED = 3
 """Particles of which the plain loops are timed; they do the same for each."""
@@ -57,12 +61,17 @@ def cycle_seconds(crowding: Crowding, seed: int = 0) -> float:
     """Return the median time of a cycle, seconds, of the tracker's whole step: messages in, tracks out."""
     site = load_site(find_site(SITE))
     view = AreaView.of(site, AREA)
-    tracker = RbmcdaTracker(view, seed, RbmcdaSettings(particles=crowding.particles))
-    passed = []
+    tracker = _Watched(view, seed, RbmcdaSettings(particles=crowding.particles))
+    passed, seen = [], []
     for chunk in cycles(crowding, site, view, seed):
         begun = time.perf_counter()
         frame = tracker.step(chunk)
         passed.append(time.perf_counter() - begun)
+        seen.append(tracker.seen)
+    if set(seen[WARM_UP:]) != {crowding.detections}:
+        raise RuntimeError(
+            f"{seen[WARM_UP:]} people are seen, not {crowding.detections}; the cycle is not what it says"
+        )
     if len(frame.track) != crowding.devices:
         raise RuntimeError(
             f"{len(frame.track)} of {crowding.devices} devices are tracked; the cycle is not what it says"
@@ -97,12 +106,19 @@ def oracle_seconds(crowding: Crowding, seed: int = 0) -> float:
 
 
 class _Watched(RbmcdaTracker):
-    """A tracker that keeps what its last cycle took in."""
+    """A tracker that keeps what its last cycle took in.
+
+    Attributes:
+        last: the cycle.
+        seen: how many people were in it; none before the first.
+    """
 
     last: Cycle
+    seen = 0
 
     def _cycle(self, *came_in: Any) -> Cycle:
         self.last = super()._cycle(*came_in)
+        self.seen = len(self.last.places)
         return self.last
 
 
@@ -117,28 +133,34 @@ def _oracle() -> ModuleType:
 
 
 def cycles(crowding: Crowding, site: Site, view: AreaView, seed: int) -> Iterator[Chunk]:
-    """Yield seconds of people who walk straight where a camera sees them, turning back at the view's border."""
+    """Yield seconds of people spread evenly where a camera sees them, who all walk round in step.
+
+    So nobody walks through anybody, and the cameras tell them all apart, however crowded it is.
+    """
     generator = np.random.default_rng(seed)
     camera = site.cameras_of(view.area)[0].id
-    low, high = _seen(view, camera)
-    place = generator.uniform(low, high, (crowding.detections, 2))
-    angle = generator.uniform(-np.pi, np.pi, crowding.detections)
-    velocity = PACE * np.column_stack([np.cos(angle), np.sin(angle)])
+    home = _spread(generator, crowding.detections, *_seen(view, camera))
     for second in range(WARM_UP + TIMED):
         begin = 1000.0 + second
-        outside = ((place + velocity < low) | (place + velocity > high)).any(axis=1)
-        velocity[outside] *= -1.0
-        heading = np.arctan2(velocity[:, 1], velocity[:, 0])
-        level = view.radio.rssi(place + HEARD_AT * velocity) + generator.normal(
-            0.0, 3.6, (len(place), len(view.radio.names))
+        moved = _round(second + 1.0) - _round(second)
+        heading = float(np.arctan2(moved[1], moved[0]))
+        place = home + _round(second + HEARD_AT)
+        level = view.radio.rssi(place) + generator.normal(0.0, 3.6, (len(place), len(view.radio.names)))
+        frames = tuple(
+            _frame(
+                begin + (number + 0.5) / RATE,
+                camera,
+                view.floor,
+                RATE * second + number,
+                home + _round(second + (number + 0.5) / RATE) + generator.normal(0.0, 0.1, home.shape),
+            )
+            for number in range(RATE)
         )
-        place = place + velocity
-        seen = place + generator.normal(0.0, 0.1, place.shape)
         yield Chunk(
             index=1000 + second,
             t_start=begin,
             t_end=begin + 1.0,
-            frames=(_frame(begin + 0.95, camera, view.floor, second, seen),),
+            frames=frames,
             scans=tuple(
                 RadioScan(
                     t=begin + HEARD_AT,
@@ -149,19 +171,32 @@ def cycles(crowding: Crowding, site: Site, view: AreaView, seed: int) -> Iterato
                 )
                 for number in range(crowding.devices)
             ),
-            motions=tuple(
-                _walk(begin, f"phone-{number}", second, float(heading[number])) for number in range(crowding.devices)
-            ),
+            motions=tuple(_walk(begin, f"phone-{number}", second, heading) for number in range(crowding.devices)),
         )
 
 
 def _seen(view: AreaView, camera: str) -> tuple[Array, Array]:
-    """Return two opposite corners of a rectangle the camera sees: the middle half of the floor it looks at."""
+    """Return two opposite corners of a rectangle the camera sees: the middle two thirds of the floor it looks at."""
     x, y = (np.linspace(low, high, 60) for low, high in zip(view.lower, view.upper, strict=True))
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     inside = places[view.views[camera].depth_at(places) > 0.5]
-    low, high = np.percentile(inside, [25.0, 75.0], axis=0)
+    low, high = np.percentile(inside, [17.0, 83.0], axis=0)
     return low, high
+
+
+def _spread(generator: np.random.Generator, people: int, low: Array, high: Array) -> Array:
+    """Return (d, 2) places at the same distances from each other, in any order."""
+    lanes = max(round(people**0.5), 1)
+    order = generator.permutation(people)
+    share = (np.column_stack([order // lanes, order % lanes]) + 0.5) / [-(-people // lanes), lanes]
+    places: Array = low + share * (high - low)
+    return places
+
+
+def _round(t: float) -> Array:
+    """Return (2,) metres from home."""
+    place: Array = RADIUS * np.array([np.cos(PACE / RADIUS * t), np.sin(PACE / RADIUS * t)])
+    return place
 
 
 def _frame(t: float, camera: str, floor: str, seq: int, places: Array) -> DetectionFrame:
