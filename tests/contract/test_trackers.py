@@ -253,10 +253,8 @@ def test_who_withdrew_leaves_nothing_behind(tracker: Tracker, view: AreaView, ch
     names = [f"phone of {number}" for number in range(5)]
     deaf = fresh(tracker, view)
     for one in chunks:
-        scans, motions = (
-            tuple(msgspec.structs.replace(told, device=names[int(told.device)]) for told in kind)
-            for kind in (one.scans, one.motions)
-        )
+        scans = tuple(msgspec.structs.replace(scan, device=names[int(scan.device)]) for scan in one.scans)
+        motions = tuple(msgspec.structs.replace(batch, device=names[int(batch.device)]) for batch in one.motions)
         tracker.step(dataclasses.replace(one, scans=scans, motions=motions))
         deaf.step(dataclasses.replace(one, scans=(), motions=()))
     frame_after = tracker.step(withdrawal(chunks[-1], *names))
