@@ -46,19 +46,19 @@ EXPERIMENT = Experiment(
     scenario="construction",
     scenarios=TRIALS,
     run=run,
-    made="""Whole 45-minute runs of `construction-1` and `construction-2` at their test seeds (`--seed 0`; a gate of the
-test suite watched the first 90 s of one until these figures), both areas of a trial together: RMSE of each carrier in each minute, over the times in view. `evidence` (the shipped
-tracker), `rbmcda` (the study's particle filter, 100 particles) and `forces` (the same with social forces) are causal,
-with 6 of the 12 access points, radio constants unknown, steps from raw inertial samples through the gateway's own dead
-reckoning; where one gives a phone no position the last one is held. `evidence_warm` is
-`evidence` where 20 minutes of other people in the same radio world, on a day of their own, taught it the site's radio
-before, in one round, through the tracker's own tracks and names, without truth. `rbmcda` takes one cycle a second, of
-the people whom the anonymous layer follows from frame to frame, holds walks against their paths once phones have told
-them, carries what each access point is off in its state, and weighs every device by itself; the study published none of
-this. `radio` (Horus, 12 access points, surveyed), `vision`
-(RBMCDA once a second) and `cv` (nearest neighbour, every frame) are the plain methods of `anchors`; anonymous tracks
-are matched to people minute by minute, with the truth's help, which the trackers do not have.
-`evloc` pairs `cv` tracks with phones minute by minute.""",
+    made="""Whole 45-minute runs of `construction-1` and `construction-2` at their test seeds (`--seed 0`; a gate of
+the test suite watched the first 90 s of one until these figures), both areas of a trial together: RMSE of each carrier
+in each minute, over the times in view. `evidence` (the shipped tracker), `rbmcda` (the study's particle filter, 100
+particles) and `forces` (the same with social forces) are causal, with 6 of the 12 access points, radio constants
+unknown, steps from raw inertial samples through the gateway's own dead reckoning; where one gives a phone no position
+the last one is held. `evidence_warm` is `evidence` where 20 minutes of other people in the same radio world, on a day
+of their own, taught it the site's radio before, in one round, through the tracker's own tracks and names, without
+truth. `rbmcda` takes one cycle a second, of the people whom the anonymous layer follows from frame to frame, holds
+walks against their paths once phones have told them, carries what each access point is off in its state, and weighs
+every device by itself; the study published none of this. `radio` (Horus, 12 access points, surveyed), `vision` (RBMCDA
+once a second) and `cv` (nearest neighbour, every frame) are the plain methods of `anchors`; anonymous tracks are
+matched to people minute by minute, with the truth's help, which the trackers do not have. `evloc` pairs `cv` tracks
+with phones minute by minute.""",
     studies={
         "trial1_p70_rbmcda": Study("≲ 1", SITE),
         "trial1_p90_rbmcda": Study(1.4, SITE),
