@@ -173,6 +173,11 @@ class GatewayService(Service[GatewaySettings]):
         while not self.stopping.wait(min(30.0, self.settings.phone_idle)):
             now = time.monotonic()
             phones.rest(now)
+            problem = phones.heard.problem(now)
+            if problem is None:
+                self.health.well("access points")
+            else:
+                self.health.degraded("access points", problem)
             if now - purged >= PURGED_EVERY:
                 purged = now
                 try:

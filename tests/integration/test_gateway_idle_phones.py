@@ -10,6 +10,7 @@ from waiting import wait_until
 from services.gateway.devices.storage import Registered
 from services.gateway.errors import RequestError
 from services.gateway.phones.batch_check import Limits
+from services.gateway.phones.heard_site import LEAST
 from services.gateway.phones.phone_book import PhoneBook
 from shared.bus import Bus
 from shared.keys import Keys
@@ -57,6 +58,14 @@ def test_a_phone_silent_for_very_long_is_forgotten_whole(zenoh_router: str, site
         phones.rest(time.monotonic() + 121.0)
         assert not phones._entries
         assert not phones.post(DEVICE, body(0), time.time()).duplicate
+
+
+def test_phones_that_hear_none_of_the_sites_access_points_are_told_of(zenoh_router: str, site_file: Path) -> None:
+    with Bus([zenoh_router]) as bus, PhoneBook(load_site(site_file), bus, Limits(), idle=10.0) as phones:
+        for seq in range(LEAST):
+            assert phones.heard.problem(time.monotonic()) is None
+            phones.post(DEVICE, body(seq).replace(b"02:a7:00:00:00:01", b"0e:00:00:00:00:99"), time.time())
+        assert "unknown access points only" in str(phones.heard.problem(time.monotonic()))
 
 
 def test_a_bus_that_is_gone_keeps_the_batch_for_the_next_try(zenoh_router: str, site_file: Path) -> None:

@@ -22,6 +22,7 @@ from services.gateway.errors import RequestError, read_json, refuse
 from services.gateway.phones.batch_check import Limits
 from services.gateway.phones.dispatch import Dispatcher
 from services.gateway.phones.group_worker import ClosedError, FullError, GroupWorker
+from services.gateway.phones.heard_site import HeardSite
 from services.gateway.phones.phone import LATENESS, NATIVE, Intake, Phone
 from services.gateway.phones.spool import Spool
 from services.gateway.protocol import Batch, BatchReply, FieldError
@@ -113,6 +114,7 @@ class PhoneBook:
         self._reckoner = DeadReckoner(site.north_radians, detector=None if detector == "shipped" else detector)
         self._dispatcher = Dispatcher(bus, self._keys, spool, lateness)
         self._entries: dict[str, _Entry] = {}
+        self.heard = HeardSite()
         self._models: OrderedDict[str, StrideModel] = OrderedDict()
         self._news = bus.inbox()
         self._news.subscribe(self._keys.stride_model(), StrideModel, cached=True)
@@ -196,6 +198,7 @@ class PhoneBook:
             answers += self._work_on_phones(posted[start:stop])
             start = stop
         _count(answers)
+        self._note_heard(answers)
         return answers
 
     def _work_on_phones(self, posted: Sequence[_Posted]) -> list[BatchReply | Exception]:
@@ -289,6 +292,13 @@ class PhoneBook:
         if now - self._looked >= 1.0:
             self._looked = now
             self._learn(delivery.message for delivery in self._news.receive(0.0))
+
+    def _note_heard(self, answers: Sequence[BatchReply | Exception]) -> None:
+        now = time.monotonic()
+        for answer in answers:
+            if isinstance(answer, BatchReply) and not answer.duplicate:
+                unknown = (answer.ignored or {}).get("unknown address", 0)
+                self.heard.note(answer.accepted.scans, answer.accepted.readings, unknown, now)
 
     def _learn(self, messages: Iterable[object]) -> None:
         """Use the newest stride model of each person."""
