@@ -117,9 +117,9 @@ class LiveState:
         if frame.area not in self._tracks:
             return False
         held = self._newest.get(frame.area)
-        if held is not None and 0.0 < held.frame.t - frame.t < CLOCK_SET_BACK and origin <= held.origin:
-            return False
         if held is not None and frame.t < held.frame.t:
+            if held.frame.t - frame.t < CLOCK_SET_BACK and origin <= held.origin:
+                return False
             # The clock was set back: what was told of a time yet to come must not outlive what is told now.
             self._fixes = {
                 device: fix

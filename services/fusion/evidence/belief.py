@@ -127,8 +127,7 @@ class Beliefs:
 
     def strangers(self, tracks: int) -> float:
         """Return how many unseen people without a known phone there are per m² while cameras follow ``tracks``."""
-        area = float((self.grid.open & ~self.grid.outside).sum()) * self.grid.cell**2
-        return min(self.flow.stranger_density, (tracks + 1.0) / max(area, 1.0))
+        return min(self.flow.stranger_density, (tracks + 1.0) / max(self.grid.area, 1.0))
 
     def normalise(self, row: int) -> None:
         """Let a device's probabilities sum to one."""
@@ -247,9 +246,7 @@ class Beliefs:
         np.add.at(floor.T, cells, leaked.T)
         away = f.far_rate * elapsed * floor.sum(axis=1)
         back = f.near_rate * elapsed * self.far[rows]
-        inside = (self.grid.open & ~self.grid.outside).ravel()
-        open_cells = inside / max(float(inside.sum()), 1.0)
-        floor += back[:, None] * open_cells
+        floor += back[:, None] * self.grid.indoors
         self.far[rows] += away - back + gone
         self.floor[rows] = floor.reshape(len(rows), *self.grid.shape)
         self.share[np.ix_(rows, alive)] = share + picked - leaked

@@ -117,23 +117,24 @@ class Devices:
 
     def _forget(self, row: int) -> None:
         """Free a row; it is as if nobody had ever had it."""
-        s = self.settings
         self.devices[row] = None
         self.estimates.pop(row, None)
         self.told[row], self.scans[row], self.given[row] = -math.inf, 0, -1
         self.walking[row], self.walked_until[row], self.stepped[row] = 0.0, -math.inf, -math.inf
-        self.hearing[row] = (Hearing(0.0, s.device**2), Hearing(0.0, s.device_sent**2))
+        self.hearing[row] = self._fresh_ears()
         self.chains[row] = []
         self.probability[row] = 0.0
         self.walk_filters.reset_device(row)
         self.beliefs.forget(row)
 
+    def _fresh_ears(self) -> tuple[Hearing, Hearing]:
+        return Hearing(0.0, self.settings.device**2), Hearing(0.0, self.settings.device_sent**2)
+
     def _resize(self, devices: int, tracks: int) -> None:
-        s = self.settings
         more = devices - len(self.devices)
         self.devices += [None] * more
         self.chains += [[] for _ in range(more)]
-        self.hearing += [(Hearing(0.0, s.device**2), Hearing(0.0, s.device_sent**2)) for _ in range(more)]
+        self.hearing += [self._fresh_ears() for _ in range(more)]
         self.told = np.concatenate([self.told, np.full(more, -math.inf)])
         self.scans = np.concatenate([self.scans, np.zeros(more, np.int64)])
         self.walking = np.concatenate([self.walking, np.zeros(more)])

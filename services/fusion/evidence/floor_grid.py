@@ -34,6 +34,8 @@ class FloorGrid:
         open: (rows, columns), where people can be: not inside obstacles.
         outside: (rows, columns), beyond the floor's outline where its edge is out of view: behind walls, most likely.
         viewed: (rows, columns), where a camera of the area looks.
+        indoors: (n,), open and not outside; each cell's share of all such cells.
+        area: of these, m².
     """
 
     def __init__(self, view: AreaView) -> None:
@@ -49,6 +51,9 @@ class FloorGrid:
         beyond = shapely.distance(view.plan.outline, shapely.points(self.centres))
         self.outside: NDArray[np.bool_] = (~inside & (-depth - beyond > SEEN_EDGE)).reshape(self.shape)
         self.viewed: NDArray[np.bool_] = (depth.reshape(self.shape) > WELL_INSIDE) & self.open
+        indoors = (self.open & ~self.outside).ravel()
+        self.indoors: Array = indoors / max(float(indoors.sum()), 1.0)
+        self.area = float(indoors.sum()) * self.cell**2
 
     def cells_at(self, places: Array) -> NDArray[np.int64]:
         """Return the number (n,) of the cell that each of (n, 2) places lies in, the nearest for one off the grid."""

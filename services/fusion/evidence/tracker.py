@@ -85,8 +85,6 @@ class AnonymousTracker:
         told = self.positions.told().nonzero()[0]
         x, y, vx, vy = tracks.mean.take(told, axis=0).T.tolist()
         fed = tracks.fed.take(told).tolist()
-        names = self.positions.cameras
-        sources = {mask: [name for bit, name in enumerate(names) if mask >> bit & 1] for mask in set(fed)}
         count = len(told)
         columns: dict[str, Any] = {
             "track": tracks.ids[told].tolist(),
@@ -95,7 +93,7 @@ class AnonymousTracker:
             "runner_up": [None] * count,
             "runner_up_probability": [0.0] * count,
             "former": [[] for _ in range(count)],
-            "sources": [sources[mask].copy() for mask in fed],
+            "sources": self.positions.names_of(fed),
         }
         self._name(columns)
         return TrackFrame(

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,11 @@ class AnonymousLayer:
         """Return which tracks (n,) are people more likely there than not."""
         told: Flags = self.tracks.confirmed & (self.tracks.existence >= self.settings.told * (1.0 - SLACK))
         return told
+
+    def names_of(self, fed: Sequence[int]) -> list[list[str]]:
+        """Return the names of the cameras that each of some tracks' ``fed`` stands for, a list of its own for each."""
+        names = {mask: [name for bit, name in enumerate(self.cameras) if mask >> bit & 1] for mask in set(fed)}
+        return [names[mask].copy() for mask in fed]
 
     def observe(self, frame: DetectionFrame) -> None:
         """Take in what one camera saw."""

@@ -67,10 +67,7 @@ class FollowedPeople:
             places=tracks.mean[told, :2],
             noise=tracks.spread()[told],
             link=links,
-            cameras=[
-                [name for bit, name in enumerate(layer.cameras) if mask >> bit & 1]
-                for mask in tracks.fed[told].tolist()
-            ],
+            cameras=layer.names_of(tracks.fed[told].tolist()),
         )
         return sightings, sum(layer.ignored.values()) - nonsense
 
