@@ -70,6 +70,34 @@ class Keys:
         """StrideModel, on activation, cached."""
         return f"{self.root}/model/stride/{_part(device)}"
 
+    def heading_model(self, device: str = "*") -> str:
+        """HeadingModel, on activation, cached."""
+        return f"{self.root}/model/heading/{_part(device)}"
+
+    def radio_model(self, area: str = "*") -> str:
+        """RadioModelUpdate, on activation, cached."""
+        return f"{self.root}/model/radio/{_part(area)}"
+
+    def alignment(self, camera: str = "*") -> str:
+        """CameraAlignment, on activation, cached."""
+        return f"{self.root}/model/alignment/{_part(camera)}"
+
+    def detector_settings(self, camera: str = "*") -> str:
+        """DetectorSettings, on activation, cached."""
+        return f"{self.root}/camera/{_part(camera)}/settings"
+
+    def redetect(self, camera: str = "*") -> str:
+        """Queryable: candidate detector options → what the camera would have detected in the last minutes."""
+        return f"{self.root}/camera/{_part(camera)}/redetect"
+
+    def learning_report(self) -> str:
+        """Queryable: what is learned, how well it fits, what was activated and why; JSON."""
+        return f"{self.root}/learning/report"
+
+    def learning_command(self) -> str:
+        """Queryable: activate, roll back, freeze, export or import a model → what was done, or why not; JSON."""
+        return f"{self.root}/learning/command"
+
     def erasure(self, device: str = "*") -> str:
         """Erasure, reliable: who withdrew consent."""
         return f"{self.root}/erasure/{_part(device)}"

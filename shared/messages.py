@@ -17,14 +17,19 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Alert",
+    "CameraAlignment",
     "CameraStatus",
     "ChunkMark",
     "DetectionFrame",
+    "DetectorSettings",
     "Erasure",
+    "HeadingModel",
     "InertialColumns",
     "Message",
     "MessageError",
     "MotionBatch",
+    "RadioModelFile",
+    "RadioModelUpdate",
     "RadioScan",
     "Revision",
     "StrideModel",
@@ -314,6 +319,66 @@ class StrideModel(Message, frozen=True, kw_only=True):
     """m."""
     scale_variance: float
     """Of the factor by which this line may be wrong for this person."""
+
+
+class HeadingModel(Message, frozen=True, kw_only=True):
+    """By how much a phone's headings are turned, as learned from the tracks it was on: heard minus walked."""
+
+    device: str
+    version: int
+    bias: float
+    """Radians, to be taken off its headings."""
+    variance: float
+    """rad², of what remains of it on another walk."""
+
+
+class RadioModelFile(msgspec.Struct, frozen=True, kw_only=True):
+    """A radio model of m access points as files and messages hold it: JSON a person can read; dBm, dB², metres."""
+
+    format: Literal["atrium-radio-model/1"]
+    site: str
+    access_points: list[str]
+    positions: list[tuple[float, float, float]]
+    power_1m: list[float]
+    exponent: list[float]
+    origin: tuple[float, float]
+    """Centre of the first cell of the shadowing map."""
+    cell: Annotated[float, Meta(gt=0.0)]
+    mean: list[list[list[float]]]
+    """By access point, row and column: heard minus expected, dB."""
+    variance: list[list[list[Annotated[float, Meta(ge=0.0)]]]]
+    located: list[str] = []
+    """The access points whose position was learned; elsewhere the site file says where they stand."""
+
+
+class RadioModelUpdate(Message, frozen=True, kw_only=True):
+    """From now on an area's radio is this; ``model`` None: as the site file says."""
+
+    area: str
+    version: int
+    """Counts up with every activation of this area; a return to an older model is a new version."""
+    model: RadioModelFile | None = None
+    reason: str = ""
+    """Why, in plain words."""
+
+
+class DetectorSettings(Message, frozen=True, kw_only=True):
+    """From now on a camera's detector works with these options; one that is not named keeps its configured value."""
+
+    camera: str
+    version: int
+    options: dict[str, float] = {}
+    reason: str = ""
+
+
+class CameraAlignment(Message, frozen=True, kw_only=True):
+    """A correction of a camera's calibration: a homography of the plan, applied to the floor positions it computes."""
+
+    camera: str
+    version: int
+    homography: tuple[float, float, float, float, float, float, float, float, float]
+    """3 x 3 by rows, from the plan as calibrated to the true plan, metres; the unit matrix takes a correction back."""
+    reason: str = ""
 
 
 class Erasure(Message, frozen=True, kw_only=True):

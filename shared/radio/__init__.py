@@ -3,7 +3,14 @@
 from shared.radio.likelihood import RadioNoise, log_likelihood
 from shared.radio.path_loss import PathLoss
 from shared.radio.radio_learning import RadioLearner, RadioPrior, device_offsets, novelty
-from shared.radio.radio_model import RadioModel, RadioModelError, read_radio_model, write_radio_model
+from shared.radio.radio_model import (
+    RadioModel,
+    RadioModelError,
+    pack_radio_model,
+    read_radio_model,
+    unpack_radio_model,
+    write_radio_model,
+)
 from shared.radio.shadowing_map import ShadowingMap
 from shared.radio.visits import shared_out, visit_variance
 
@@ -18,8 +25,10 @@ __all__ = [
     "device_offsets",
     "log_likelihood",
     "novelty",
+    "pack_radio_model",
     "read_radio_model",
     "shared_out",
+    "unpack_radio_model",
     "visit_variance",
     "write_radio_model",
 ]

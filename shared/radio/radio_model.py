@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
+from shared.messages import RadioModelFile
 from shared.radio.path_loss import PathLoss
 from shared.radio.shadowing_map import ShadowingMap
 
-__all__ = ["RadioModel", "RadioModelError", "read_radio_model", "write_radio_model"]
-
-Axes = tuple[float, float, float]
+__all__ = [
+    "RadioModel",
+    "RadioModelError",
+    "pack_radio_model",
+    "read_radio_model",
+    "unpack_radio_model",
+    "write_radio_model",
+]
 
 
 class RadioModelError(ValueError):
@@ -31,25 +36,15 @@ class RadioModel:
     shadowing: ShadowingMap
 
 
-class _File(msgspec.Struct, frozen=True, kw_only=True):
-    """The form of the file: JSON that a person can read; dB, dB² and metres."""
-
-    format: Literal["atrium-radio-model/1"]
-    site: str
-    access_points: list[str]
-    positions: list[Axes]
-    power_1m: list[float]
-    exponent: list[float]
-    origin: tuple[float, float]
-    cell: Annotated[float, Meta(gt=0.0)]
-    mean: list[list[list[float]]]
-    variance: list[list[list[Annotated[float, Meta(ge=0.0)]]]]
-
-
 def write_radio_model(model: RadioModel, path: Path) -> None:
     """Write a model as JSON; levels are kept to a thousandth of a dB."""
+    path.write_bytes(msgspec.json.encode(pack_radio_model(model)))
+
+
+def pack_radio_model(model: RadioModel, located: Sequence[str] = ()) -> RadioModelFile:
+    """Return the model as files and messages hold it; ``located`` names the access points whose place was learned."""
     loss, shadowing = model.path_loss, model.shadowing
-    file = _File(
+    return RadioModelFile(
         format="atrium-radio-model/1",
         site=model.site,
         access_points=list(loss.names),
@@ -60,8 +55,8 @@ def write_radio_model(model: RadioModel, path: Path) -> None:
         cell=shadowing.cell,
         mean=np.round(shadowing.mean, 3).tolist(),
         variance=np.round(shadowing.variance, 3).tolist(),
+        located=list(located),
     )
-    path.write_bytes(msgspec.json.encode(file))
 
 
 def read_radio_model(path: Path, site: str, names: tuple[str, ...]) -> RadioModel:
@@ -76,25 +71,37 @@ def read_radio_model(path: Path, site: str, names: tuple[str, ...]) -> RadioMode
         RadioModelError: no such file, not a radio model, or of another site or other access points.
     """
     try:
-        file = msgspec.json.decode(path.read_bytes(), type=_File)
+        file = msgspec.json.decode(path.read_bytes(), type=RadioModelFile)
     except OSError as error:
         raise RadioModelError(f"{path}: {error.strerror}") from error
     except msgspec.DecodeError as error:
         raise RadioModelError(f"{path}: not a radio model: {error}") from error
+    try:
+        return unpack_radio_model(file, site, names)
+    except RadioModelError as error:
+        raise RadioModelError(f"{path}: {error}") from error
+
+
+def unpack_radio_model(file: RadioModelFile, site: str, names: tuple[str, ...]) -> RadioModel:
+    """Return the model of a file or message, its access points in the order of ``names``.
+
+    Raises:
+        RadioModelError: it is of another site or other access points, or its columns do not fit each other.
+    """
     if file.site != site:
-        raise RadioModelError(f"{path}: learned at site {file.site!r}, expected {site!r}")
+        raise RadioModelError(f"learned at site {file.site!r}, expected {site!r}")
     known = file.access_points
     if sorted(known) != sorted(names):
         missing, strange = sorted(set(names) - set(known)), sorted(set(known) - set(names))
         parts = [f"lacks {', '.join(missing)}"] * bool(missing) + [f"has {', '.join(strange)}"] * bool(strange)
-        raise RadioModelError(f"{path}: other access points than the site's: {'; '.join(parts) or 'some are doubled'}")
+        raise RadioModelError(f"other access points than the site's: {'; '.join(parts) or 'some are doubled'}")
     lengths = {len(column) for column in (known, file.positions, file.power_1m, file.exponent)}
     try:
         mean, variance = np.array(file.mean), np.array(file.variance)
     except ValueError as error:
-        raise RadioModelError(f"{path}: the rows of a map differ in length") from error
+        raise RadioModelError("the rows of a map differ in length") from error
     if len(lengths) > 1 or mean.ndim != 3 or mean.shape != variance.shape or len(mean) != len(known) or not mean.size:
-        raise RadioModelError(f"{path}: columns and maps are not of one shape with the {len(known)} access points")
+        raise RadioModelError(f"columns and maps are not of one shape with the {len(known)} access points")
     order = np.array([known.index(name) for name in names], np.int64)
     path_loss = PathLoss(
         names=names,

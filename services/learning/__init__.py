@@ -1,0 +1,1 @@
+"""Learning: the tracks teach the sensors, and only what wins goes live."""

@@ -1,0 +1,232 @@
+"""From what fusion and phones publish to stretches: who was on which track, once nobody revises it any more.
+
+Names are thought over for some seconds, steps are told late, and both may be told again. So nothing teaches before it
+is ``settle`` seconds old. Then a device's time on one track is cut where the track changes, where it is lost for a
+second, and at ``window`` seconds, so that sums over stretches compare [ravel-thesis §8.1].
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, insort
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.learning.tracks.stretch import Stretch
+from shared.messages import MotionBatch, RadioScan, Revision, TrackFrame
+
+__all__ = ["StretchAssembler"]
+
+Array = NDArray[np.float64]
+
+PAUSE = 1.0
+"""Seconds without the name after which a track that bears it again begins a new stretch."""
+SHORTEST = 2.0
+"""Seconds; what is shorter teaches nothing."""
+SAME = 1e-6
+"""Seconds by which times that are the same may differ."""
+
+Point = tuple[float, int, float, float, float, float, float, float]
+"""t, track, x, y, xx, xy, yy, probability."""
+Reading = tuple[float, int, float]
+"""t, access point, dBm."""
+Step = tuple[float, float, float, float, float, int]
+"""t, length, its variance, heading, its variance, walk."""
+
+
+@dataclass
+class _Phone:
+    points: list[Point] = field(default_factory=list)
+    readings: list[Reading] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+
+    def forget_before(self, t: float) -> None:
+        for rows in (self.points, self.readings, self.steps):
+            del rows[: bisect_left(rows, (t,))]
+
+
+@dataclass(frozen=True)
+class _Crowd:
+    """Everybody at one time: (n,) track ids in ascending order, seen or not, and what cameras said since the last."""
+
+    t: float
+    track: NDArray[np.int64]
+    seen: NDArray[np.bool_]
+    sight: Array
+
+
+class StretchAssembler:
+    """Collects one area's messages in the order in which they come.
+
+    Args:
+        points: ids of the area's access points; others are left out.
+        window: seconds, the longest stretch.
+        settle: seconds after which nothing is revised any more.
+        every: seconds between two kept rows of a track.
+    """
+
+    def __init__(self, points: Sequence[str], window: float = 60.0, settle: float = 12.0, every: float = 0.2) -> None:
+        self._column = {name: number for number, name in enumerate(points)}
+        self._window, self._settle, self._every = window, settle, every
+        self._phones: dict[str, _Phone] = {}
+        self._crowd: deque[_Crowd] = deque()
+        self._pending: dict[int, float] = {}
+        self._last = -math.inf
+
+    def take_frame(self, frame: TrackFrame, sight: Mapping[int, float] | None = None) -> None:
+        """Take in a frame; ``sight``: nats by which cameras spoke for each track in it (``quality.SightScore``)."""
+        if frame.t < self._last - self._settle:
+            self.__init__(list(self._column), self._window, self._settle, self._every)  # type: ignore[misc]
+        for track, gain in (sight or {}).items():
+            self._pending[track] = self._pending.get(track, 0.0) + gain
+        if frame.t < self._last + self._every - SAME:
+            return
+        self._last = frame.t
+        followed = [row for row, state in enumerate(frame.state) if state != "unseen"]
+        followed.sort(key=lambda row: frame.track[row])
+        ids = [frame.track[row] for row in followed]
+        self._crowd.append(
+            _Crowd(
+                frame.t,
+                np.array(ids, np.int64),
+                np.array([frame.state[row] == "confirmed" for row in followed], np.bool_),
+                np.array([self._pending.get(track, 0.0) for track in ids]),
+            )
+        )
+        self._pending.clear()
+        for row in followed:
+            device = frame.device[row]
+            if device is not None:
+                place = (frame.t, frame.track[row], frame.x[row], frame.y[row])
+                insort(self._phone(device).points, (*place, *frame.covariance[row], frame.probability[row]))
+
+    def take_revision(self, revision: Revision) -> None:
+        """Replace what was said of some devices' last seconds."""
+        rows: dict[int, list[Point]] = {number: [] for number in range(len(revision.device))}
+        last = dict.fromkeys(rows, -math.inf)
+        for index, (number, t) in enumerate(zip(revision.of, revision.at, strict=True)):
+            if t < last[number] + self._every - SAME:
+                continue
+            last[number] = t
+            if revision.track[index] > 0:
+                place = (t, revision.track[index], revision.x[index], revision.y[index])
+                rows[number].append((*place, *revision.covariance[index], revision.probability[index]))
+        for number, (device, since) in enumerate(zip(revision.device, revision.since, strict=True)):
+            points = self._phone(device).points
+            first = bisect_left(points, (since - SAME,))
+            after = bisect_left(points, (revision.t + SAME,))
+            points[first:after] = rows[number]
+
+    def take_scan(self, scan: RadioScan) -> None:
+        """Take in what a phone heard."""
+        readings = self._phone(scan.device).readings
+        for name, level in zip(scan.access_point, scan.rssi, strict=True):
+            if name in self._column and -120.0 <= level <= 0.0:
+                insort(readings, (scan.t, self._column[name], level))
+
+    def take_motion(self, batch: MotionBatch) -> None:
+        """Take in how a phone walked; a batch may replace what was told before."""
+        steps = self._phone(batch.device).steps
+        if batch.revises_from is not None:
+            del steps[bisect_left(steps, (batch.revises_from - SAME,)) :]
+        columns = (batch.step_t, batch.length, batch.length_variance, batch.heading, batch.heading_variance)
+        for row in zip(*columns, strict=True):
+            insort(steps, (*row, batch.walk))
+
+    def forget(self, device: str) -> None:
+        """Forget a device whose owner withdrew consent."""
+        self._phones.pop(device, None)
+
+    def close(self, now: float | None = None) -> list[Stretch]:
+        """Return the stretches that ended, in order of device and time; each is returned once.
+
+        Args:
+            now: seconds since the epoch; None: the time of the newest frame. What is ``settle`` older is closed.
+        """
+        until = (self._last if now is None else now) - self._settle
+        closed: list[Stretch] = []
+        for device in sorted(self._phones):
+            closed += self._close(device, self._phones[device], until)
+        oldest = min((phone.points[0][0] for phone in self._phones.values() if phone.points), default=math.inf)
+        while self._crowd and self._crowd[0].t < min(oldest, until) - SAME:
+            self._crowd.popleft()
+        return closed
+
+    def _phone(self, device: str) -> _Phone:
+        return self._phones.setdefault(device, _Phone())
+
+    def _close(self, device: str, phone: _Phone, until: float) -> list[Stretch]:
+        closed: list[Stretch] = []
+        kept_from = until
+        begin = 0
+        points = phone.points
+        for end in range(1, len(points) + 1):
+            first, before = points[begin], points[end - 1]
+            if before[0] > until:
+                break
+            cut = end == len(points) or points[end][1] != first[1] or points[end][0] - before[0] > PAUSE
+            if end == len(points) and until - before[0] <= PAUSE:
+                break  # it may go on
+            if cut or points[end][0] - first[0] > self._window + SAME:
+                if before[0] - first[0] >= SHORTEST:
+                    closed.append(self._stretch(device, phone, points[begin:end]))
+                begin = end
+        if begin < len(points):
+            kept_from = min(kept_from, points[begin][0])
+        phone.forget_before(kept_from - SAME)
+        if not (phone.points or phone.readings or phone.steps):
+            del self._phones[device]
+        return closed
+
+    def _stretch(self, device: str, phone: _Phone, points: list[Point]) -> Stretch:
+        table = np.array(points, float)
+        t, track = table[:, 0], int(table[0, 1])
+        place = table[:, 2:4]
+        covariance = table[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
+        seen, sight = self._sight(track, t)
+        readings = np.array(_between(phone.readings, t[0], t[-1]), float).reshape(-1, 3)
+        steps = np.array(_between(phone.steps, t[0], t[-1]), float).reshape(-1, 6)
+        where = np.column_stack([np.interp(readings[:, 0], t, place[:, axis]) for axis in (0, 1)])
+        spread = np.sqrt(0.5 * (covariance[:, 0, 0] + covariance[:, 1, 1]))
+        return Stretch(
+            device=device,
+            track=track,
+            t=t,
+            place=place,
+            covariance=covariance,
+            probability=table[:, 7],
+            seen=seen,
+            sight=sight,
+            scan_t=readings[:, 0],
+            point=readings[:, 1].astype(np.int64),
+            level=readings[:, 2],
+            scan_place=where,
+            scan_spread=np.interp(readings[:, 0], t, spread),
+            step_t=steps[:, 0],
+            length=steps[:, 1],
+            length_variance=steps[:, 2],
+            heading=steps[:, 3],
+            heading_variance=steps[:, 4],
+            walk=steps[:, 5].astype(np.int64),
+        )
+
+    def _sight(self, track: int, t: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Return whether cameras saw the track at (n,) times, and the nats they spoke for it since the time before."""
+        seen, sight = np.zeros(len(t), np.bool_), np.zeros(len(t))
+        for crowd in self._crowd:
+            if not t[0] - SAME <= crowd.t <= t[-1] + SAME:
+                continue
+            row = int(np.searchsorted(crowd.track, track))
+            if row < len(crowd.track) and crowd.track[row] == track:
+                at = int(np.searchsorted(t, crowd.t - SAME))
+                seen[at] = seen[at] or crowd.seen[row]
+                sight[at] += crowd.sight[row]
+        return seen, sight
+
+
+def _between(rows: Sequence[tuple[float, ...]], first: float, last: float) -> Sequence[tuple[float, ...]]:
+    return rows[bisect_left(rows, (first - SAME,)) : bisect_left(rows, (last + SAME,))]
