@@ -27,6 +27,10 @@ PAUSE = 1.0
 """Seconds without the name after which a track that bears it again begins a new stretch."""
 SHORTEST = 2.0
 """Seconds; what is shorter teaches nothing."""
+OTHERS = 64
+"""Other tracks told of in a stretch, the nearest ones …"""
+OTHERS_EVERY = 1.0
+"""… and seconds between two of their places."""
 SAME = 1e-6
 """Seconds by which times that are the same may differ."""
 
@@ -43,20 +47,23 @@ class _Phone:
     points: list[Point] = field(default_factory=list)
     readings: list[Reading] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
+    still: list[tuple[float, float]] = field(default_factory=list)
 
     def forget_before(self, t: float) -> None:
-        for rows in (self.points, self.readings, self.steps):
+        for rows in (self.points, self.readings, self.steps, self.still):
             del rows[: bisect_left(rows, (t,))]
 
 
 @dataclass(frozen=True)
 class _Crowd:
-    """Everybody at one time: (n,) track ids in ascending order, seen or not, and what cameras said since the last."""
+    """Everybody at one time: (n,) track ids in ascending order, seen or not, what cameras said since the last, and
+    (n, 2) where they are."""
 
     t: float
     track: NDArray[np.int64]
     seen: NDArray[np.bool_]
     sight: Array
+    place: Array
 
 
 class StretchAssembler:
@@ -95,6 +102,7 @@ class StretchAssembler:
                 np.array(ids, np.int64),
                 np.array([frame.state[row] == "confirmed" for row in followed], np.bool_),
                 np.array([self._pending.get(track, 0.0) for track in ids]),
+                np.array([(frame.x[row], frame.y[row]) for row in followed], float).reshape(-1, 2),
             )
         )
         self._pending.clear()
@@ -130,9 +138,13 @@ class StretchAssembler:
 
     def take_motion(self, batch: MotionBatch) -> None:
         """Take in how a phone walked; a batch may replace what was told before."""
-        steps = self._phone(batch.device).steps
+        phone = self._phone(batch.device)
+        steps = phone.steps
         if batch.revises_from is not None:
             del steps[bisect_left(steps, (batch.revises_from - SAME,)) :]
+            del phone.still[bisect_left(phone.still, (batch.revises_from - SAME,)) :]
+        if batch.activity == "still" and not batch.step_t:
+            insort(phone.still, (batch.t_start, batch.t))
         columns = (batch.step_t, batch.length, batch.length_variance, batch.heading, batch.heading_variance)
         for row in zip(*columns, strict=True):
             insort(steps, (*row, batch.walk))
@@ -178,7 +190,7 @@ class StretchAssembler:
         if begin < len(points):
             kept_from = min(kept_from, points[begin][0])
         phone.forget_before(kept_from - SAME)
-        if not (phone.points or phone.readings or phone.steps):
+        if not (phone.points or phone.readings or phone.steps or phone.still):
             del self._phones[device]
         return closed
 
@@ -190,6 +202,7 @@ class StretchAssembler:
         seen, sight = self._sight(track, t)
         readings = np.array(_between(phone.readings, t[0], t[-1]), float).reshape(-1, 3)
         steps = np.array(_between(phone.steps, t[0], t[-1]), float).reshape(-1, 6)
+        other, other_t, other_place = self._others(track, t, place)
         where = np.column_stack([np.interp(readings[:, 0], t, place[:, axis]) for axis in (0, 1)])
         spread = np.sqrt(0.5 * (covariance[:, 0, 0] + covariance[:, 1, 1]))
         return Stretch(
@@ -212,7 +225,33 @@ class StretchAssembler:
             heading=steps[:, 3],
             heading_variance=steps[:, 4],
             walk=steps[:, 5].astype(np.int64),
+            still=np.array(_between(phone.still, t[0], t[-1]), float).reshape(-1, 2),
+            other=other,
+            other_t=other_t,
+            other_place=other_place,
         )
+
+    def _others(self, track: int, t: Array, place: Array) -> tuple[NDArray[np.int64], Array, Array]:
+        """Return ids (m,), times (k,) and places (m, k, 2) of the tracks nearest to one that was at ``place``."""
+        crowds: list[_Crowd] = []
+        for crowd in self._crowd:
+            due = not crowds or crowd.t >= crowds[-1].t + OTHERS_EVERY - SAME
+            if due and t[0] - SAME <= crowd.t <= t[-1] + SAME:
+                crowds.append(crowd)
+        if not crowds:
+            return np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 0, 2))
+        ids = np.unique(np.concatenate([crowd.track for crowd in crowds]))
+        times = np.array([crowd.t for crowd in crowds])
+        places = np.full((len(ids), len(crowds), 2), np.nan)
+        for number, crowd in enumerate(crowds):
+            places[np.searchsorted(ids, crowd.track), number] = crowd.place
+        own = np.column_stack([np.interp(times, t, place[:, axis]) for axis in (0, 1)])
+        away = ((places - own) ** 2).sum(axis=2)
+        alive = np.isfinite(away)
+        score = np.where(alive, away, 0.0).sum(axis=1) / np.maximum(alive.sum(axis=1), 1)
+        score[ids == track] = np.inf
+        nearest = np.sort(np.argsort(score, kind="stable")[: min(OTHERS, len(ids) - int((ids == track).any()))])
+        return ids[nearest], times, places[nearest]
 
     def _sight(self, track: int, t: Array) -> tuple[NDArray[np.bool_], Array]:
         """Return whether cameras saw the track at (n,) times, and the nats they spoke for it since the time before."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,10 @@ class Stretch:
         heading: (s,) rad, ``heading_variance`` rad².
         heading_variance: (s,) see above.
         walk: (s,) which walk of the phone each step belongs to.
+        still: (b, 2) begin and end of the times at which the phone said it stood.
+        other: (m,) ids of other tracks that were about, the nearest; in the order of ``other_place``.
+        other_t: (k,) when they are told of.
+        other_place: (m, k, 2) metres; NaN while a track was not about.
     """
 
     device: str
@@ -60,6 +64,10 @@ class Stretch:
     heading: Array
     heading_variance: Array
     walk: Integers
+    still: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    other: Integers = field(default_factory=lambda: np.zeros(0, np.int64))
+    other_t: Array = field(default_factory=lambda: np.zeros(0))
+    other_place: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
 
     @property
     def seconds(self) -> float:

@@ -1,0 +1,160 @@
+"""How good is a stretch, and may it teach?
+
+Quality is the sum of [ravel-thesis §8.1, Eq. 5.1] over the whole composite: what cameras say for the track
+(``sight.SightScore``), what the phone's radio says for its places against no places at all (the clutter of §6.5a), and
+what its steps say for its way. Beside the sum stands the rate per second, which does not depend on how long the stretch
+is. What decides is split: cameras' part says how well somebody was followed, the phone's part whether it was its
+carrier. The phone's part has a threshold chosen from the data, and ``swaps`` looks for what a high score may hide.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from services.learning.tracks.compare import Comparison, compare
+from services.learning.tracks.radio_evidence import RadioBelief
+from services.learning.tracks.radio_habits import RadioHabits
+from services.learning.tracks.sight import SightScore
+from services.learning.tracks.stretch import Stretch
+from services.learning.tracks.swaps import doubt
+from services.learning.tracks.threshold import Threshold
+from services.learning.tracks.verdict import Verdict
+from shared.learning_report import TrackLessons
+from shared.radio import PathLoss, ShadowingMap
+
+__all__ = ["QualityJudge", "SightScore"]
+
+SHORTEST = 8.0
+"""Seconds below which nothing can be said."""
+PART = 15.0
+"""Seconds of a part of a stretch that is judged by itself."""
+FIRST = 0.3
+"""Nats per second of the phone's part that are enough until the data tell."""
+LEAST_SEEN = 0.5
+"""Share of the time cameras must have seen the track."""
+RECENT = 200
+"""Stretches told of in the report."""
+
+
+class QualityJudge:
+    """Judges the stretches of one area, in order of time.
+
+    Args:
+        points: how many access points the area has.
+        seed: of which other person a phone is held against to see what a wrong name scores.
+    """
+
+    def __init__(self, points: int, seed: int = 0) -> None:
+        self._habits = RadioHabits(points)
+        self._threshold = Threshold(FIRST)
+        self._rng = np.random.default_rng(seed)
+        self._recent: deque[tuple[str, float]] = deque(maxlen=RECENT)
+        self._misfit: deque[float] = deque(maxlen=RECENT)
+        self._model: tuple[PathLoss, ShadowingMap | None] | None = None
+
+    def judge(self, stretch: Stretch, radio: PathLoss, shadowing: ShadowingMap | None = None) -> Verdict:
+        """Return what is thought of a stretch.
+
+        Args:
+            stretch: of the area; stretches come in order of time.
+            radio: the active model of its access points, in the order of ``stretch.point``.
+            shadowing: the active model's map, if it has one.
+        """
+        if self._model is None or not _same(self._model, radio, shadowing):
+            self._habits.begin_anew(mapped=shadowing is not None)
+        self._model = (radio, shadowing)
+        belief = self._habits.belief(stretch.device)
+        whole = compare(stretch, radio, shadowing, belief)
+        printed = float(stretch.sight.sum() + whole.total[0])
+        rate = printed / max(stretch.seconds, 1e-9)
+        reason = self._reason(stretch, whole, belief)
+        self._habits.hear(stretch.point, stretch.level)
+        if whole.fit is not None and stretch.seconds >= SHORTEST:
+            others = whole.others
+            other = float(whole.total[self._rng.choice(others)]) / whole.seconds if len(others) else None
+            self._threshold.add(float(whole.total[0]) / whole.seconds, other)
+            if not reason:
+                self._habits.learn(stretch.device, whole.fit)
+                self._misfit.append(float(whole.fit.chi2[0]) / whole.fit.readings)
+        self._recent.append((reason, rate))
+        return Verdict(printed, rate, not reason, reason)
+
+    def lessons(self) -> TrackLessons:
+        """Return how many of the last stretches were good, and why the others were not."""
+        good = [rate for reason, rate in self._recent if not reason]
+        threshold = self._threshold.value
+        return TrackLessons(
+            good=len(good),
+            refused=dict(Counter(reason for reason, _ in self._recent if reason)),
+            threshold=threshold if np.isfinite(threshold) else None,
+            quality=float(np.median(good)) if good else None,
+        )
+
+    def forget(self, device: str) -> None:
+        """Forget a phone whose owner withdrew consent."""
+        self._habits.forget(device)
+
+    def state(self) -> dict[str, Any]:
+        """Return all it knows, as what ``msgspec.json`` encodes."""
+        return {
+            "habits": self._habits.state(),
+            "threshold": self._threshold.state(),
+            "recent": [list(row) for row in self._recent],
+            "misfit": list(self._misfit),
+        }
+
+    def restore(self, state: Mapping[str, Any], radio: PathLoss, shadowing: ShadowingMap | None = None) -> None:
+        """Go on from ``state()``, under the model that was active then.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is no such state; the judge is then unchanged.
+        """
+        habits, threshold = RadioHabits(len(radio.names)), Threshold(FIRST)
+        habits.restore(state["habits"])
+        threshold.restore(state["threshold"])
+        recent = [(str(reason), float(rate)) for reason, rate in state["recent"]]
+        misfit = [float(one) for one in state["misfit"]]
+        self._habits, self._threshold, self._model = habits, threshold, (radio, shadowing)
+        self._recent, self._misfit = deque(recent, maxlen=RECENT), deque(misfit, maxlen=RECENT)
+
+    def _reason(self, stretch: Stretch, whole: Comparison, belief: RadioBelief) -> str:
+        if stretch.seconds < SHORTEST:
+            return "too short to judge"
+        if stretch.seen.mean() < LEAST_SEEN:
+            return "cameras saw too little of the person"
+        parts = []
+        if stretch.seconds >= 2.0 * PART:
+            borders = np.linspace(stretch.t[0], stretch.t[-1], int(stretch.seconds // PART) + 1)
+            parts = [
+                compare(stretch, *self._active(), belief, begin, end)
+                for begin, end in zip(borders[:-1].tolist(), borders[1:].tolist(), strict=True)
+            ]
+        usual = float(np.median(self._misfit)) if self._misfit else 1.0
+        reason = doubt(whole, parts, usual)
+        if reason:
+            return reason
+        least = self._threshold.value
+        if not np.isfinite(least):
+            return "no phone here fits its own track better than it fits others"
+        if whole.total[0] / whole.seconds < least:
+            return "radio and steps fit too little of the way"
+        return ""
+
+    def _active(self) -> tuple[PathLoss, ShadowingMap | None]:
+        if self._model is None:
+            raise RuntimeError("no stretch was judged yet")
+        return self._model
+
+
+def _same(model: tuple[PathLoss, ShadowingMap | None], radio: PathLoss, shadowing: ShadowingMap | None) -> bool:
+    known, mapped = model
+    if mapped is not shadowing and (
+        mapped is None or shadowing is None or not np.array_equal(mapped.mean, shadowing.mean)
+    ):
+        return False
+    columns = ((known.positions, radio.positions), (known.power_1m, radio.power_1m), (known.exponent, radio.exponent))
+    return known is radio or all(np.array_equal(*pair) for pair in columns)

@@ -1,0 +1,70 @@
+"""Is this the phone's own track? What a high score hides: a name that moved, a phone that lies, people nobody can tell.
+
+A track that swapped identity early can still score high [ravel-thesis §8, traps], because cameras' detections make most
+of the score. So the phone is held against everybody else who was about, over the whole stretch and part by part.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from services.learning.tracks.compare import Comparison
+
+__all__ = ["doubt"]
+
+BETTER = 2.0
+"""Nats by which another person must fit better over the whole stretch to be the likelier carrier …"""
+BETTER_PART = 4.0
+"""… and over a part of it, of which there are several."""
+SURE = 0.8
+"""Probability that the stretch alone must give to its own track."""
+WORSE_PART = -12.0
+"""Nats of a part's radio and steps below which it is no part of this person's way."""
+QUICK = (0.4, 7.0)
+"""dB; no receiver's readings are steadier from second to second, rounding alone sees to that, and none that is carried
+about wilder."""
+MISFIT = 3.0
+"""Squared residuals, in units of what is expected of them, beyond which readings are not of this place or not real."""
+
+
+def doubt(whole: Comparison, parts: Sequence[Comparison], usual_misfit: float = 1.0) -> str:
+    """Return why the stretch may not teach, in plain words; empty where nothing speaks against it.
+
+    Args:
+        whole: the phone against everybody, over the stretch.
+        parts: over its parts, in order of time.
+        usual_misfit: what the squared residuals of good stretches are, in units of what is expected of them.
+    """
+    if whole.fit is None:
+        return "the phone told no radio"
+    if whole.fit.quick < QUICK[0]:
+        return "the phone's readings are steadier than any radio's"
+    if whole.fit.quick > QUICK[1]:
+        return "the phone's readings jump more than any radio's"
+    if whole.fit.chi2[0] > MISFIT * max(usual_misfit, 1.0) * whole.fit.readings:
+        return "the phone's radio does not fit this place"
+    reason = _rival(whole, BETTER)
+    if reason:
+        return reason
+    for part in parts:
+        if _rival(part, BETTER_PART) or part.total[0] < WORSE_PART:
+            return "the phone fits only part of the way"
+    if whole.own_probability < SURE:
+        return "radio and steps do not tell who of several people it is"
+    return ""
+
+
+def _rival(comparison: Comparison, margin: float) -> str:
+    others = comparison.others
+    if not len(others):
+        return ""
+    # Among many people one fits better by luck: the best of n is held against n times the odds.
+    margin += math.log(len(others)) if len(others) > 4 else 0.0
+    lead = comparison.total[others] - comparison.total[0]
+    best = others[int(lead.argmax())]
+    if lead.max() <= margin:
+        return ""
+    by_radio = comparison.radio[best] - comparison.radio[0]
+    by_walk = comparison.walk[best] - comparison.walk[0]
+    return f"the phone's {'radio fits' if by_radio >= by_walk else 'steps fit'} another person better"
