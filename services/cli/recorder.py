@@ -10,10 +10,10 @@ from pathlib import Path
 
 import msgspec
 
-from services.cli.recording import INPUT_KINDS, TOPICS, RecordingWriter
+from services.cli.recording import INPUT_KINDS, STATE_KINDS, TOPICS, RecordingWriter
 from shared.bus import DROPPED, Bus, Delivery
 from shared.keys import Keys
-from shared.messages import CameraStatus, ChunkMark, Erasure, Message
+from shared.messages import ChunkMark, Message
 from shared.site import Site
 
 __all__ = ["record"]
@@ -51,7 +51,7 @@ def record(
     inbox = bus.inbox(capacity=QUEUE)
     lost_before = _lost()
     for kind, key_of in TOPICS.items():
-        inbox.subscribe(key_of(keys), kind, cached=kind in (CameraStatus, Erasure))
+        inbox.subscribe(key_of(keys), kind, cached=kind in STATE_KINDS)
     with RecordingWriter(out, site.site, site_file.resolve()) as writer:
         running = list(_states(bus, keys.fusion_state()))
         for area, answer, state in running:

@@ -31,6 +31,7 @@ from shared.messages import (
     Erasure,
     Message,
     MotionBatch,
+    RadioModelUpdate,
     RadioScan,
     Revision,
     TrackFrame,
@@ -54,6 +55,7 @@ TOPICS: dict[type[Message], Callable[[Keys], str]] = {
     RadioScan: Keys.radio,
     MotionBatch: Keys.motion,
     Erasure: Keys.erasure,
+    RadioModelUpdate: Keys.radio_model,
     ChunkMark: Keys.chunks,
     TrackFrame: Keys.tracks,
     Revision: Keys.revisions,
@@ -62,7 +64,9 @@ TOPICS: dict[type[Message], Callable[[Keys], str]] = {
 }
 """What is recorded, and on which keys it travels."""
 RECORDED_KINDS: dict[str, type[Message]] = {kind.__name__: kind for kind in TOPICS}
-INPUT_KINDS = (DetectionFrame, RadioScan, MotionBatch, Erasure)
+INPUT_KINDS = (DetectionFrame, RadioScan, MotionBatch, Erasure, RadioModelUpdate)
+STATE_KINDS = (CameraStatus, Erasure, RadioModelUpdate)
+"""Of these a recorder also wants what was told before it began, for a chunk may name it at any time."""
 
 LOOK_AHEAD = 10.0
 """Seconds of recording in which an input may follow the mark that names it."""
@@ -256,7 +260,11 @@ class Recording:
                 yield _take(marks.popleft(), inputs, tracks)
             if len(inputs) > 4096:
                 horizon = recorded.sent - 6.0 * LOOK_AHEAD
-                inputs = {trace: entry for trace, entry in inputs.items() if entry[1] > horizon}
+                inputs = {
+                    trace: entry
+                    for trace, entry in inputs.items()
+                    if entry[1] > horizon or isinstance(entry[0], STATE_KINDS)
+                }
         while marks:
             yield _take(marks.popleft(), inputs, tracks)
 

@@ -25,8 +25,10 @@ class AreaView:
         lower: (2,) and ``upper``: (2,), corners of the floor with a margin, metres; beyond it nothing is believed.
         views: by camera id.
         everywhere: the union of all views.
-        radio: first guess of the path loss of the floor's access points.
+        radio: path loss of the floor's access points: as the site file says, until something was learned.
         plan: the floor's outline, walls and obstacles.
+        site: id of the site.
+        filed: path loss as the site file says, whatever was learned.
         shadowing: what was learned of the radio beyond path loss, its access points in the order of ``radio``; None
             where nothing was.
     """
@@ -39,6 +41,8 @@ class AreaView:
     everywhere: ViewMap
     radio: PathLoss
     plan: FloorPlan
+    site: str
+    filed: PathLoss
     shadowing: ShadowingMap | None = None
 
     @classmethod
@@ -51,6 +55,7 @@ class AreaView:
         area = site.area(area_id)
         plan = site.floor(area.floor).plan()
         seen = camera_views(site, area_id, plan)
+        radio = PathLoss.of([point for point in site.access_points if point.floor == area.floor])
         return cls(
             area=area_id,
             floor=area.floor,
@@ -58,6 +63,8 @@ class AreaView:
             upper=seen.upper,
             views=seen.each,
             everywhere=seen.everywhere,
-            radio=PathLoss.of([point for point in site.access_points if point.floor == area.floor]),
+            radio=radio,
             plan=plan,
+            site=site.site,
+            filed=radio,
         )

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from services.fusion.tracker import Chunk
-from shared.messages import DetectionFrame, Erasure, MotionBatch, RadioScan
+from shared.messages import DetectionFrame, Erasure, MotionBatch, RadioModelUpdate, RadioScan
 
 __all__ = ["PERIOD", "Chunker", "ChunkerSettings", "Closed", "period_of"]
 
@@ -51,7 +51,7 @@ class ChunkerSettings:
 
 @dataclass(frozen=True)
 class Closed:
-    """A closed chunk and the names of what it holds, in the order of consumption: frames, scans, motions."""
+    """A closed chunk and the names of what it holds, in the order of consumption."""
 
     chunk: Chunk
     consumed: tuple[str, ...]
@@ -99,6 +99,7 @@ class Chunker:
         self._scans: _Waiting[RadioScan] = _Waiting()
         self._motions: _Waiting[MotionBatch] = _Waiting()
         self._erasures: list[tuple[Erasure, str]] = []
+        self._models: list[tuple[RadioModelUpdate, str]] = []
         self._doubts: dict[str, _Doubt] = {}
         self._accepted = 0
         self._closed = -1
@@ -131,6 +132,10 @@ class Chunker:
         self._erasures.append((erasure, name))
         self._scans.drop(erasure.device)
         self._motions.drop(erasure.device)
+
+    def add_model(self, update: RadioModelUpdate, name: str) -> None:
+        """Take a radio model that goes live with the next chunk; it takes the place of one that waits."""
+        self._models = [(update, name)]
 
     def close_for_erasures(self) -> Closed | None:
         """Close the next chunk with the withdrawals that wait and nothing else: no camera's frame does it.
@@ -267,6 +272,7 @@ class Chunker:
         scans = self._phones(self._scans, "radio", end)
         motions = self._phones(self._motions, "motion", end)
         erasures, self._erasures = self._erasures, []
+        models, self._models = self._models, []
         chunk = Chunk(
             index=index,
             t_start=index * self.settings.period,
@@ -275,8 +281,9 @@ class Chunker:
             scans=tuple(scan for scan, _ in scans),
             motions=tuple(motion for motion, _ in motions),
             erasures=tuple(erasure for erasure, _ in erasures),
+            models=tuple(update for update, _ in models),
         )
-        return Closed(chunk, tuple(name for entries in (mine, scans, motions, erasures) for _, name in entries))
+        return Closed(chunk, tuple(name for entries in (mine, scans, motions, erasures, models) for _, name in entries))
 
     def _phones(self, waiting: _Waiting[P], kind: str, end: float) -> list[tuple[P, str]]:
         """Return the phones' messages that leave with the chunk that ends at ``end``."""

@@ -103,6 +103,22 @@ EXPLANATIONS: dict[str, Explanation] = {
         "phones send what they measured long ago",
         "they come out of a dead spot: see to the wireless network there; live positions do not use it",
     ),
+    "radio model that does not fit the site": Explanation(
+        1,
+        "a learned radio model is of another site or other access points, or holds impossible values, and is not used",
+        "the log says what is wrong with it; learning and fusion must read the same site file, and a model is for the "
+        "museum it was exported from",
+    ),
+    "radio model older than the one in use": Explanation(
+        1,
+        "learning offers a radio model with a number that is passed already",
+        "learning's store was lost or is an old copy: remove fusion's state folder once, or let learning activate anew",
+    ),
+    "radio model for a tracker that takes none": Explanation(
+        1,
+        "a radio model was learned and the tracker in use cannot change its own",
+        "choose another tracker, or give the model by --radio-model at the next start",
+    ),
     "overtaken": Explanation(
         30,
         "frames came faster than they could be tracked and the newest was taken",

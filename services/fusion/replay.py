@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
-from services.fusion.area_view import AreaView
+from services.fusion.active_radio import ActiveRadio
 from services.fusion.registry import DEFAULT_TRACKER, make_tracker
 from services.fusion.tracker import Chunk, TrackerStateError
 from services.fusion.trained_view import trained_view
@@ -20,13 +18,15 @@ from shared.messages import (
     Erasure,
     Message,
     MotionBatch,
+    RadioModelUpdate,
     RadioScan,
     Revision,
     TrackFrame,
 )
+from shared.radio import RadioModelError
 from shared.site import Site
 
-__all__ = ["StateAnswer", "check_radio", "chunk_of", "radio_digest", "replay_steps", "replay_tracks"]
+__all__ = ["StateAnswer", "chunk_of", "radio_of_state", "replay_steps", "replay_tracks"]
 
 
 class StateAnswer(msgspec.Struct, frozen=True, kw_only=True):
@@ -38,31 +38,35 @@ class StateAnswer(msgspec.Struct, frozen=True, kw_only=True):
     seed: int = 0
     radio: str = ""
     """``radio_digest`` of the area's radio; empty where whoever answered did not tell."""
+    model: RadioModelUpdate | None = None
+    """What went live in mid-run and was active; None: the radio it started with, or a file beside this one says."""
     state: Any
 
 
-def radio_digest(view: AreaView) -> str:
-    """Return what tells one radio model from another: access points, their places, constants and shadowing."""
-    radio, shadowing = view.radio, view.shadowing
-    arrays = [radio.positions, radio.power_1m, radio.exponent]
-    if shadowing is not None:
-        arrays += [shadowing.origin, np.array(shadowing.cell), shadowing.mean, shadowing.variance]
-    digest = hashlib.sha256(msgspec.json.encode(radio.names))
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array, float).tobytes())
-    return digest.hexdigest()
+def radio_of_state(answer: StateAnswer, started: ActiveRadio, model: RadioModelUpdate | None = None) -> ActiveRadio:
+    """Return the radio a state was made with.
 
-
-def check_radio(answer: StateAnswer, view: AreaView) -> None:
-    """Refuse a state of another radio model: what the tracker learned of its errors would count twice.
+    Args:
+        answer: the state.
+        started: the radio that settings and site file say.
+        model: the model kept beside the state; the state's own goes before it.
 
     Raises:
-        TrackerStateError: it is one.
+        TrackerStateError: it was another one, and nothing says which: what the tracker learned of its errors would
+            count twice.
     """
-    if answer.radio and answer.radio != radio_digest(view):
+    radio, update = started, answer.model or model
+    if update is not None:
+        radio = ActiveRadio(started.view)
+        try:
+            radio.resume(update)
+        except RadioModelError as error:
+            raise TrackerStateError(f"a state of a radio model that does not fit any more: {error}") from error
+    if answer.radio and answer.radio != radio.digest:
         raise TrackerStateError(
             "a state of another radio model: the site file's access points or the trained model are others now"
         )
+    return radio
 
 
 def chunk_of(mark: ChunkMark, inputs: Sequence[Message]) -> Chunk:
@@ -75,6 +79,7 @@ def chunk_of(mark: ChunkMark, inputs: Sequence[Message]) -> Chunk:
         scans=tuple(message for message in inputs if isinstance(message, RadioScan)),
         motions=tuple(message for message in inputs if isinstance(message, MotionBatch)),
         erasures=tuple(message for message in inputs if isinstance(message, Erasure)),
+        models=tuple(message for message in inputs if isinstance(message, RadioModelUpdate)),
     )
 
 
@@ -110,7 +115,7 @@ def replay_steps(
             answered; chunks up to that state are skipped. None: the recording began before fusion's first chunk.
         tracker: which tracker runs where there is no state.
         seed: its seed.
-        radio_model: the trained model fusion had, if it had one.
+        radio_model: the trained model fusion started with, if it had one; what went live since is in the chunks.
 
     Raises:
         TrackerStateError: the state does not fit the tracker, the site or the radio model.
@@ -121,14 +126,15 @@ def replay_steps(
     answer = None if state is None else msgspec.json.decode(state, type=StateAnswer)
     if answer is not None:
         tracker, seed, done = answer.tracker, answer.seed, answer.chunk
-    view = trained_view(site, area, radio_model)
-    machine = make_tracker(tracker, view, seed)
+    radio = ActiveRadio(trained_view(site, area, radio_model))
     if answer is not None and done >= 0:
-        check_radio(answer, view)
+        radio = radio_of_state(answer, radio)
+    machine = make_tracker(tracker, radio.view, seed)
+    if answer is not None and done >= 0:
         machine.restore(msgspec.json.encode(answer.state))
     for mark, inputs in chunks:
         # Only the lead is older than the state; later, numbers may fall again: somebody set the clock back.
         if mark.area == area and (begun or mark.chunk > done):
             begun = True
-            frame = machine.step(chunk_of(mark, inputs))
+            frame = radio.step(machine, chunk_of(mark, inputs))
             yield frame, machine.revision()

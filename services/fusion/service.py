@@ -6,29 +6,42 @@ import threading
 import time
 from collections import Counter as Count
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import ClassVar
 
 import msgspec
 import structlog
 from prometheus_client import Counter, Gauge, Histogram
 
+from services.fusion.active_radio import ActiveRadio
 from services.fusion.area_view import AreaView
 from services.fusion.chunks import Chunker, ChunkerSettings, Closed, period_of
 from services.fusion.positions.anonymous import MOST_CAMERAS
+from services.fusion.radio_file import RadioFile
 from services.fusion.registry import TRACKERS, make_tracker
-from services.fusion.replay import StateAnswer, check_radio, radio_digest
+from services.fusion.replay import StateAnswer, radio_of_state
 from services.fusion.rescore.desk import RescoreDesk
 from services.fusion.rescore.recent import RecentChunks
 from services.fusion.settings import FusionSettings
 from services.fusion.state_file import StateFile
-from services.fusion.tracker import Complaining, TrackerStateError
+from services.fusion.tracker import Complaining, Retuning, TrackerStateError
 from services.fusion.trained_view import trained_view
 from services.fusion.two_places import TwoPlaces
 from services.fusion.watch import Watch
 from shared.bus import DROPPED as BUS_DROPPED
 from shared.bus import Bus, Delivery, Trace
 from shared.erased import Erased
-from shared.messages import ChunkMark, DetectionFrame, Erasure, Message, MotionBatch, RadioScan, Revision, TrackFrame
+from shared.messages import (
+    ChunkMark,
+    DetectionFrame,
+    Erasure,
+    Message,
+    MotionBatch,
+    RadioModelUpdate,
+    RadioScan,
+    Revision,
+    TrackFrame,
+)
 from shared.radio import RadioModelError
 from shared.runner import Health, Service
 from shared.settings import SettingsError
@@ -49,6 +62,12 @@ STEP = Histogram("atrium_fusion_step_seconds", "Time one tracker step takes", bu
 DROPPED = Counter("atrium_fusion_dropped_total", "Messages fusion did not use", ["reason"])
 CHUNKS = Counter("atrium_fusion_chunks_total", "Chunks closed")
 TRACKS = Gauge("atrium_fusion_tracks", "People tracked now")
+RADIO_VERSION = Gauge(
+    "atrium_fusion_radio_version", "Version of the learned radio model in use; 0: what settings and site file say"
+)
+RADIO_SINCE = Gauge(
+    "atrium_fusion_radio_since_seconds", "When it was told, in seconds since the epoch; 0: it is what the settings say"
+)
 
 
 class FusionService(Service[FusionSettings]):
@@ -67,8 +86,7 @@ class FusionService(Service[FusionSettings]):
     def __init__(self, settings: FusionSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
         self.area = _area_of(settings, site)
-        self.view = _view_of(settings, site, self.area)
-        self._radio = radio_digest(self.view)
+        self._radio = ActiveRadio(_view_of(settings, site, self.area))
         self.tracker = make_tracker(settings.tracker, self.view, settings.tracker_seed)
         self._recent = RecentChunks(60.0 * settings.rescore_minutes, settings.rescore_megabytes * 2**20)
         self._desk = RescoreDesk(
@@ -93,7 +111,8 @@ class FusionService(Service[FusionSettings]):
         """Held while a chunk is consumed, so that a state is always one of a chunk boundary."""
         folder = settings.state_folder
         file = None if folder is None else folder / f"fusion-{self.area}.json"
-        self._state_file = StateFile(file, settings.state_every, self._snapshot, health)
+        self._radio_file = RadioFile(file)
+        self._state_file = StateFile(file, settings.state_every, self._state_to_save, health)
         self._inbox = bus.inbox()
 
     @classmethod
@@ -119,6 +138,11 @@ class FusionService(Service[FusionSettings]):
         """One process per area."""
         return self.settings.instance or self.area
 
+    @property
+    def view(self) -> AreaView:
+        """The area under the active radio model."""
+        return self._radio.view
+
     def run(self) -> None:
         """Consume messages until told to stop."""
         self._restore()
@@ -133,6 +157,7 @@ class FusionService(Service[FusionSettings]):
         self._inbox.subscribe(self.keys.motion(), MotionBatch)
         # Cached: whoever withdrew consent while this process was down is in the state it restored.
         self._inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
+        self._inbox.subscribe(self.keys.radio_model(self.area), RadioModelUpdate, cached=True)
         if not self._cameras:
             self.health.degraded("cameras", f"area {self.area} has no camera: nobody is tracked or located there")
         self.health.ready.set()
@@ -149,27 +174,39 @@ class FusionService(Service[FusionSettings]):
         self._inbox.wake()
 
     def answer_state(self) -> bytes:
-        """Return the tracker's state at the last chunk boundary as a ``StateAnswer`` in JSON."""
-        return self._snapshot()[1]()
+        """Return the tracker's state at the last chunk boundary as a ``StateAnswer`` in JSON, with its radio model."""
+        taken = self._snapshot()
+        return self._encoded(taken, taken.model)
 
-    def _snapshot(self) -> tuple[int, Callable[[], bytes]]:
-        """Copy the tracker at the last chunk boundary; return that chunk and what encodes the copy, in any thread.
+    def _snapshot(self) -> _Snapshot:
+        """Copy the tracker at the last chunk boundary."""
+        with self._boundary:
+            return _Snapshot(self._chunk, self.tracker.snapshot(), self._radio.digest, self._radio.update)
+
+    def _state_to_save(self) -> tuple[int, Callable[[], bytes]]:
+        """Copy the tracker; return the chunk it is of and what encodes the copy, in any thread.
 
         To encode takes longer than the time between two chunks may be: fusion goes on meanwhile.
         """
-        with self._boundary:
-            chunk, encode = self._chunk, self.tracker.snapshot()
+        taken = self._snapshot()
 
-        def answer() -> bytes:
-            state = msgspec.Raw(encode())
-            settings = self.settings
-            return msgspec.json.encode(
-                StateAnswer(
-                    chunk=chunk, tracker=settings.tracker, seed=settings.tracker_seed, radio=self._radio, state=state
-                )
+        def saved() -> bytes:
+            self._radio_file.write(taken.radio, taken.model)
+            return self._encoded(taken, None)
+
+        return taken.chunk, saved
+
+    def _encoded(self, taken: _Snapshot, model: RadioModelUpdate | None) -> bytes:
+        return msgspec.json.encode(
+            StateAnswer(
+                chunk=taken.chunk,
+                tracker=self.settings.tracker,
+                seed=self.settings.tracker_seed,
+                radio=taken.radio,
+                model=model,
+                state=msgspec.Raw(taken.encode()),
             )
-
-        return chunk, answer
+        )
 
     def _take(self, delivery: Delivery[Message]) -> None:
         message, trace = delivery.message, delivery.trace
@@ -194,6 +231,22 @@ class FusionService(Service[FusionSettings]):
                 self._consume(closed, trace)
         elif isinstance(message, Erasure):
             self._erase(message, trace)
+        elif isinstance(message, RadioModelUpdate):
+            self._consider(message, trace)
+
+    def _consider(self, update: RadioModelUpdate, trace: Trace) -> None:
+        """Let a radio model go live with the next chunk, or say why it does not."""
+        if not isinstance(self.tracker, Retuning):
+            self._counted["radio model for a tracker that takes none"] += 1
+            return
+        try:
+            if self._radio.accept(update):
+                self.chunker.add_model(update, trace.id)
+            elif self._radio.older(update):
+                self._counted["radio model older than the one in use"] += 1
+        except RadioModelError as error:
+            self._counted["radio model that does not fit the site"] += 1
+            log.warning("a radio model is refused", version=update.version, reason=str(error))
 
     def _erase(self, erasure: Erasure, trace: Trace) -> None:
         """Forget a device; what the tracker knows goes with the next chunk. Told again, nothing of it is left."""
@@ -217,7 +270,7 @@ class FusionService(Service[FusionSettings]):
         chunk = closed.chunk
         with self._boundary:
             began = time.perf_counter()
-            frame = self.tracker.step(chunk)
+            frame = self._radio.step(self.tracker, chunk)
             self._chunk = chunk.index
             STEP.observe(time.perf_counter() - began)
         self._marks.publish(
@@ -239,12 +292,24 @@ class FusionService(Service[FusionSettings]):
         FROM_DETECTION.observe(max(now - trace.sent, 0.0))
         FROM_CAPTURE.observe(max(now - trace.origin, 0.0))
         CHUNKS.inc()
-        if chunk.erasures:
+        if chunk.models:
+            self._tell_radio()
+        if chunk.erasures or chunk.models:
             self._state_file.save_soon()
         if any(frame.device):
             self._watch.phone_known(time.monotonic())
         self._people = sum(state != "unseen" for state in frame.state)
         TRACKS.set(self._people)
+
+    def _tell_radio(self) -> None:
+        """Tell which radio model is in use from now on."""
+        update = self._radio.update
+        self._desk.view = self.view
+        if update is not None:
+            RADIO_VERSION.set(update.version)
+            RADIO_SINCE.set(update.t)
+            what = "as the site file says" if update.model is None else "learned"
+            log.info("radio model in use", version=update.version, model=what, told=update.t, reason=update.reason)
 
     def _forget_without_a_frame(self) -> None:
         closed = self.chunker.close_for_erasures()
@@ -277,16 +342,29 @@ class FusionService(Service[FusionSettings]):
             saved = msgspec.json.decode(saved_bytes, type=StateAnswer)
             if saved.tracker != self.settings.tracker:
                 raise TrackerStateError(f"a state of tracker {saved.tracker!r}, expected {self.settings.tracker!r}")
-            check_radio(saved, self.view)
-            self.tracker.restore(msgspec.json.encode(saved.state))
+            radio = radio_of_state(saved, self._radio, self._radio_file.read(saved.radio))
+            tracker = make_tracker(self.settings.tracker, radio.view, self.settings.tracker_seed)
+            tracker.restore(msgspec.json.encode(saved.state))
         except (OSError, msgspec.DecodeError, TrackerStateError) as error:
             log.warning("starting without the saved state", reason=str(error))
             return
+        self._radio, self.tracker = radio, tracker
+        self._tell_radio()
         self._chunk = saved.chunk
         self._state_file.restored(saved.chunk)
         self._known = Count(self.tracker.ignored())
         self.chunker.resume_after(saved.chunk)
         log.info("state restored", chunk=saved.chunk)
+
+
+@dataclass(frozen=True)
+class _Snapshot:
+    """The tracker after a chunk: what encodes it, the digest of its radio, and the model that went live, if one did."""
+
+    chunk: int
+    encode: Callable[[], bytes]
+    radio: str
+    model: RadioModelUpdate | None
 
 
 def _view_of(settings: FusionSettings, site: Site, area: str) -> AreaView:

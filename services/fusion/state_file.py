@@ -10,7 +10,7 @@ from pathlib import Path
 
 from shared.runner import Health
 
-__all__ = ["StateFile"]
+__all__ = ["StateFile", "write_whole"]
 
 Snapshot = Callable[[], tuple[int, Callable[[], bytes]]]
 """Copies the state; returns the chunk it is of and what encodes the copy, in any thread."""
@@ -78,15 +78,8 @@ class StateFile:
         self._saving.start()
 
     def _write(self, file: Path, chunk: int, encode: Callable[[], bytes]) -> None:
-        """Write the state beside the old one and swap them, so that a kill or a power cut leaves one whole."""
-        partial = file.with_suffix(".partial")
         try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            with partial.open("wb") as stream:
-                stream.write(encode())
-                stream.flush()
-                os.fsync(stream.fileno())
-            partial.replace(file)
+            write_whole(file, encode())
         except OSError as error:
             self._health.degraded(
                 "state",
@@ -96,3 +89,18 @@ class StateFile:
             return
         self._saved_chunk = chunk
         self._health.well("state")
+
+
+def write_whole(file: Path, data: bytes) -> None:
+    """Write a file beside the old one and swap them, so that a kill or a power cut leaves one whole.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    partial = file.with_suffix(".partial")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with partial.open("wb") as stream:
+        stream.write(data)
+        stream.flush()
+        os.fsync(stream.fileno())
+    partial.replace(file)

@@ -11,9 +11,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from shared.messages import DetectionFrame, Erasure, MotionBatch, RadioScan, Revision, TrackFrame
+from services.fusion.area_view import AreaView
+from shared.messages import (
+    DetectionFrame,
+    Erasure,
+    MotionBatch,
+    RadioModelUpdate,
+    RadioScan,
+    Revision,
+    TrackFrame,
+)
 
-__all__ = ["Chunk", "Complaining", "Tracker", "TrackerStateError"]
+__all__ = ["Chunk", "Complaining", "Retuning", "Tracker", "TrackerStateError"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +36,8 @@ class Chunk:
         frames: what the cameras saw; a late frame may be older than ``t_start``.
         scans: radio scans that arrived since the chunk before, whatever their own time.
         motions: motion batches, likewise.
+        erasures: who withdrew consent.
+        models: radio models that went live; whoever steps a tracker swaps its radio first (``active_radio``).
     """
 
     index: int
@@ -36,6 +47,7 @@ class Chunk:
     scans: tuple[RadioScan, ...] = ()
     motions: tuple[MotionBatch, ...] = ()
     erasures: tuple[Erasure, ...] = ()
+    models: tuple[RadioModelUpdate, ...] = ()
 
 
 class TrackerStateError(ValueError):
@@ -84,4 +96,18 @@ class Complaining(Protocol):
 
     def complaints(self) -> list[str]:
         """Return, in plain words for the health page, what is wrong now: a camera's clock, say."""
+        ...
+
+
+@runtime_checkable
+class Retuning(Protocol):
+    """A tracker that goes on under another radio model; one that does not keeps the model it was made with."""
+
+    def retune(self, view: AreaView) -> None:
+        """Go on under the radio of ``view``, the same area but for ``radio`` and ``shadowing``.
+
+        Positions, tracks and names stay. What was learned of the old model's errors is corrected by how the two models
+        differ, or forgotten: a model that was learned meanwhile has been taught by the same readings, which must not
+        count twice. Under a model that says the same nothing changes, to the byte.
+        """
         ...

@@ -29,11 +29,15 @@ class RadioModelError(ValueError):
 
 @dataclass(frozen=True)
 class RadioModel:
-    """Path loss and what it gets wrong, of the same access points in the same order; ``site`` is the site's id."""
+    """Path loss and what it gets wrong, of the same access points in the same order; ``site`` is the site's id.
+
+    ``located`` names the access points whose place was learned; where the others stand is for the site file to say.
+    """
 
     site: str
     path_loss: PathLoss
     shadowing: ShadowingMap
+    located: tuple[str, ...] = ()
 
 
 def write_radio_model(model: RadioModel, path: Path) -> None:
@@ -55,7 +59,7 @@ def pack_radio_model(model: RadioModel, located: Sequence[str] = ()) -> RadioMod
         cell=shadowing.cell,
         mean=np.round(shadowing.mean, 3).tolist(),
         variance=np.round(shadowing.variance, 3).tolist(),
-        located=list(located),
+        located=list(located or model.located),
     )
 
 
@@ -102,6 +106,9 @@ def unpack_radio_model(file: RadioModelFile, site: str, names: tuple[str, ...]) 
         raise RadioModelError("the rows of a map differ in length") from error
     if len(lengths) > 1 or mean.ndim != 3 or mean.shape != variance.shape or len(mean) != len(known) or not mean.size:
         raise RadioModelError(f"columns and maps are not of one shape with the {len(known)} access points")
+    strangers = sorted(set(file.located) - set(names))
+    if strangers:
+        raise RadioModelError(f"located: {strangers[0]!r} is none of its access points")
     order = np.array([known.index(name) for name in names], np.int64)
     path_loss = PathLoss(
         names=names,
@@ -110,4 +117,4 @@ def unpack_radio_model(file: RadioModelFile, site: str, names: tuple[str, ...]) 
         exponent=np.array(file.exponent)[order],
     )
     shadowing = ShadowingMap(names, np.array(file.origin), file.cell, mean[order], variance[order])
-    return RadioModel(site, path_loss, shadowing)
+    return RadioModel(site, path_loss, shadowing, tuple(file.located))

@@ -16,8 +16,11 @@ from services.fusion.area_view import AreaView
 from services.fusion.chunks import period_of
 from services.fusion.registry import TRACKERS, make_tracker
 from services.fusion.snapshot import unpack
-from services.fusion.tracker import Chunk, Tracker, TrackerStateError
-from shared.messages import DetectionFrame, Erasure, MotionBatch, RadioScan, TrackFrame, encode
+from services.fusion.tracker import Chunk, Retuning, Tracker, TrackerStateError
+from services.fusion.trained_view import under_model
+from services.simulator.radio.radio_world import RadioWorld
+from shared.messages import DetectionFrame, Erasure, MotionBatch, RadioModelFile, RadioScan, TrackFrame, encode
+from shared.radio import PathLoss, RadioModel, ShadowingMap, pack_radio_model
 from shared.site import Site
 
 
@@ -73,6 +76,19 @@ def fresh(tracker: Tracker, view: AreaView) -> Tracker:
 
 def run(tracker: Tracker, chunks: Sequence[Chunk]) -> list[TrackFrame]:
     return [tracker.step(one) for one in chunks]
+
+
+def learned(view: AreaView, power: float = 4.0, located: tuple[str, ...] = ()) -> RadioModelFile:
+    """A model whose access points are so much louder, stand elsewhere where located, and shade the hall's east."""
+    radio = dataclasses.replace(
+        view.filed,
+        positions=view.filed.positions + np.array([0.5, -0.5, 0.0]),
+        power_1m=view.filed.power_1m + power,
+        exponent=view.filed.exponent + 0.2,
+    )
+    shade = np.broadcast_to(np.linspace(0.0, -3.0, 25), (len(radio.names), 15, 25)).copy()
+    grid = ShadowingMap(radio.names, np.zeros(2), 1.0, shade, np.full_like(shade, 4.0))
+    return pack_radio_model(RadioModel(view.site, radio, grid), located)
 
 
 def walk_east(tracker: Tracker, seconds: float = 3.0, rate: float = 10.0, t0: float = 100.0) -> TrackFrame:
@@ -187,6 +203,77 @@ def test_restored_in_mid_run_it_goes_on_byte_for_byte(tracker: Tracker, view: Ar
         assert other.state() == state
         for one, same in zip(run(straight, chunks[cut:]), run(other, chunks[cut:]), strict=True):
             assert encode(one) == encode(same)
+
+
+def test_the_same_radio_model_once_more_changes_nothing(tracker: Tracker, view: AreaView, chunks: list[Chunk]) -> None:
+    half = len(chunks) // 2
+    straight, swapped = tracker, fresh(tracker, view)
+    assert isinstance(swapped, Retuning)
+    for model in (None, learned(view)):
+        under = under_model(view, model)
+        for one in (straight, swapped):
+            run(one, chunks[:half])
+            one.retune(under)
+        # Another object of the same content, as after a restart.
+        swapped.retune(under_model(AreaView(**vars(view)), model))
+        assert straight.state() == swapped.state()
+        for one, same in zip(run(straight, chunks[half:]), run(swapped, chunks[half:]), strict=True):
+            assert encode(one) == encode(same)
+        straight, swapped = fresh(tracker, view), fresh(tracker, view)
+
+
+def test_a_swap_of_the_radio_model_moves_and_renumbers_nobody(
+    tracker: Tracker, view: AreaView, chunks: list[Chunk]
+) -> None:
+    half = 2 * len(chunks) // 3
+    straight = fresh(tracker, view)
+    before = run(tracker, chunks[:half])[-1]
+    run(straight, chunks[:half])
+    assert isinstance(tracker, Retuning)
+    tracker.retune(under_model(view, learned(view, located=("ap-2",))))
+    after, without = tracker.step(chunks[half]), straight.step(chunks[half])
+    assert after.track == without.track
+    assert len(set(before.track) & set(after.track)) >= 4
+    apart = np.hypot(np.subtract(after.x, without.x), np.subtract(after.y, without.y))
+    seen = np.array([state != "unseen" for state in after.state])
+    assert (apart[seen] < 0.5).all()
+    told, knew = (
+        {device: track for device, track in zip(one.device, one.track, strict=True) if device}
+        for one in (after, without)
+    )
+    assert told == knew
+
+
+def test_after_a_swap_it_is_the_tracker_of_the_new_model(tracker: Tracker, view: AreaView, chunks: list[Chunk]) -> None:
+    """A state taken after the swap goes on, to the byte, in a tracker that was made under the new model."""
+    half, later = len(chunks) // 2, 3 * len(chunks) // 4
+    under = under_model(view, learned(view, located=("ap-2",)))
+    run(tracker, chunks[:half])
+    assert isinstance(tracker, Retuning)
+    tracker.retune(under)
+    for cut in (half, later):
+        run(tracker, chunks[half:cut])
+        other = make_tracker(tracker.name, under, seed=3)
+        other.restore(tracker.state())
+        assert other.state() == tracker.state()
+    for one, same in zip(run(tracker, chunks[later:]), run(other, chunks[later:]), strict=True):
+        assert encode(one) == encode(same)
+
+
+def test_a_true_radio_model_in_mid_run_keeps_phones_found(phones: Tracker, site: Site, view: AreaView) -> None:
+    world = World(site, seed=1, seconds=60.0, cameras=("west", "east"))
+    chunks = world.chunks(period=period_of(phones.cycle))
+    half = len(chunks) // 2
+    frames = run(phones, chunks[:half])
+    truth = RadioWorld(site, world.seed)
+    ground = [truth.access_points.index(name) for name in view.radio.names]
+    radio = PathLoss(view.radio.names, view.radio.positions, truth.power_1m[ground], truth.exponent[ground])
+    flat = np.zeros((len(ground), 2, 2))
+    model = RadioModel(site.site, radio, ShadowingMap(radio.names, np.zeros(2), 10.0, flat, flat + 9.0))
+    assert isinstance(phones, Retuning)
+    phones.retune(under_model(view, pack_radio_model(model)))
+    frames += run(phones, chunks[half:])
+    assert world.located_share(frames, after=30.0) > 0.6
 
 
 def test_a_snapshot_encoded_later_is_of_the_moment_it_was_taken(tracker: Tracker, chunks: list[Chunk]) -> None:

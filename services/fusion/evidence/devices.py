@@ -17,6 +17,7 @@ from services.fusion.evidence.floor_grid import FloorGrid
 from services.fusion.evidence.hearing import Hearing
 from services.fusion.evidence.identity_settings import IdentitySettings
 from services.fusion.snapshot import counts, of_shape, unpack
+from services.fusion.trained_view import same_radio
 from services.fusion.walks.columns import Columns
 from services.fusion.walks.motion_evidence import WalkFilters
 from shared.messages import MotionBatch, RadioScan, decode
@@ -51,18 +52,22 @@ class Devices:
         self.settings = settings or IdentitySettings()
         self.grid = FloorGrid(view)
         self._column_of_point = {name: index for index, name in enumerate(view.radio.names)}
-        self._distance = view.radio.log_distance(self.grid.centres)
-        self._map = None if view.shadowing is None else view.shadowing.at(self.grid.centres)
         self.ignored: Counter[str] = Counter()
         self._start()
+
+    def _tune(self, view: AreaView) -> None:
+        self.view = view
+        self._distance = view.radio.log_distance(self.grid.centres)
+        self._map = None if view.shadowing is None else view.shadowing.at(self.grid.centres)
+        self.calibration = Calibration.of(view.radio, learned=view.shadowing is not None)
+        self._expected = self.calibration.rssi_at(self._distance)
 
     def _start(self) -> None:
         s = self.settings
         self.columns = Columns(s.kept)
         self.beliefs = Beliefs(self.grid, s.flow)
         self.walk_filters = WalkFilters.new(0, 0)
-        self.calibration = Calibration.of(self.view.radio, learned=self.view.shadowing is not None)
-        self._expected = self.calibration.rssi_at(self._distance)
+        self._tune(self.view)
         self.devices: list[str | None] = []
         self.told = np.zeros(0)
         self.scans = np.zeros(0, np.int64)
@@ -79,6 +84,25 @@ class Devices:
         self._motions: list[MotionBatch] = []
         self._decided = self._calibrated = -math.inf
         self._dirty = False
+
+    def retune(self, view: AreaView) -> None:
+        """Go on under another radio model: who is where stays as believed.
+
+        What access points were learned to send is forgotten, for the new model may have been taught by the same
+        readings. What a device reads too much is so much less, as far as it was learned, as the new model expects more.
+        """
+        if same_radio(self.view, view):
+            return
+        before = self._heard_on_grid()
+        self._tune(view)
+        more = float((self._heard_on_grid() - before).mean())
+        for row in self.rows.tolist():
+            for ear, fresh in zip(self.hearing[row], self._fresh_ears(), strict=True):
+                ear.offset -= (1.0 - ear.variance / fresh.variance) * more
+
+    def _heard_on_grid(self) -> Array:
+        """Return what is expected to be heard on the floor, (cells, m) in dBm."""
+        return self._expected if self._map is None else self._expected + self._map[0]
 
     @property
     def rows(self) -> Integers:

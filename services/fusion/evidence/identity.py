@@ -130,7 +130,7 @@ class IdentityLayer(Devices):
         residual, variance = self._residual(scan, places, distance, own)
         noise = self.calibration.noise
         tracks = weight * scan_likelihood(residual, noise * variance, hearing.offset, common)
-        mean = self._expected if self._map is None else self._expected + self._map[0]
+        mean = self._heard_on_grid()
         shadow = s.shadowing**2 if self._map is None else s.shadowing_known**2 + self._map[1][:, heard]
         spread = np.atleast_2d(noise * (own + shadow))
         off = scan.level - mean[:, heard]

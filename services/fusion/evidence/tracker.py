@@ -42,6 +42,10 @@ class AnonymousTracker:
             self.positions.observe(frame)
         return self._frame(chunk)
 
+    def retune(self, view: AreaView) -> None:
+        """Go on under another radio model, which says nothing about anonymous people."""
+        self.positions.view = view
+
     def revision(self) -> Revision | None:
         """Return nothing: what was said stands."""
         return None
@@ -157,6 +161,11 @@ class EvidenceTracker(AnonymousTracker):
         frame = self._frame(chunk)
         self._revision = self.reviser.revise(chunk.index, self.name, frame, self.identity)
         return frame
+
+    def retune(self, view: AreaView) -> None:
+        """Go on under another radio model."""
+        super().retune(view)
+        self.identity.retune(view)
 
     def revision(self) -> Revision | None:
         """Return where the last step changed what the steps before it had said."""

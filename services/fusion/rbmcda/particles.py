@@ -17,6 +17,9 @@ __all__ = ["Cycle", "Draws", "Estimate", "Particles"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+NEIGHBOUR = 0.5
+"""Metres over which the slope of what is expected is taken."""
+
 
 @dataclass(frozen=True)
 class Particles:
@@ -81,6 +84,24 @@ class Particles:
             seen=np.delete(self.seen, device, axis=1),
             link=np.delete(self.link, device, axis=1),
         )
+
+    def retuned(self, less: Callable[[Array], Array]) -> Particles:
+        """Return them under another radio model: what was heard is the same, so biases take up what models differ by.
+
+        To first order about each state, so that where it may be and what it then hears stay tied together.
+
+        Args:
+            less: from places (n, 2) to by how much the new model expects less than the old one, (n, M) dB.
+        """
+        places = self.mean[:2].T
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[2:] += less(places).T
+        for axis in (0, 1):
+            step = np.eye(2)[axis] * NEIGHBOUR
+            slope = ((less(places + step) - less(places - step)) / (2.0 * NEIGHBOUR)).T
+            covariance[2:] += slope[:, None] * covariance[axis]
+            covariance[:, 2:] += slope * covariance[:, axis, None]
+        return replace(self, mean=mean, covariance=covariance)
 
     def redraw(self, rows: Indices, devices: Indices) -> None:
         """Let the particles of (k,) ``devices`` go on from (N, k) ``rows``, all alike likely."""

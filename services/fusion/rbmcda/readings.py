@@ -79,6 +79,10 @@ class Readings:
             before = self._offset.get(device)
             self._offset[device] = wrong if before is None else before + LEARNING * (wrong - before)
 
+    def retune(self, less: float) -> None:
+        """Note that so many dB less are expected now: what receivers were learned to read too much is so much more."""
+        self._offset = {device: offset + less for device, offset in self._offset.items()}
+
     def forget(self, device: str) -> None:
         """Forget a device."""
         for held in (self._waiting, self._by_site, self._offset, self._last_by_site):

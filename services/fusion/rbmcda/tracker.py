@@ -36,6 +36,7 @@ from services.fusion.rbmcda.sightings import Sightings
 from services.fusion.rbmcda.surroundings import Surroundings
 from services.fusion.snapshot import counts, encode_snapshot, unpack
 from services.fusion.tracker import Chunk, TrackerStateError
+from services.fusion.trained_view import same_radio
 from shared.messages import Revision, TrackFrame, decode, pack_covariances
 
 __all__ = ["ForcedRbmcdaTracker", "RbmcdaTracker"]
@@ -126,6 +127,21 @@ class RbmcdaTracker:
         pace = np.array([self._walk(device).pace(self._t) for device in self._devices]).reshape(-1, 2).T
         estimate = carried_on(self._particles, estimate, now, pace, self._t - t, self.settings.guessed)
         return self._frame(chunk, estimate, motions, seen)
+
+    def retune(self, view: AreaView) -> None:
+        """Go on under another radio model: everybody is where they were, and biases are of the new model."""
+        if same_radio(self.view, view):
+            return
+        before, self.view = self._around, view
+        self._around = Surroundings(view, self.settings)
+        # What all phones share is forgotten: the new model may have been taught by the same readings.
+        self._constants = Constants(self._around.bias, self._around.shared)
+        self._readings.retune(float((before.expected_on_grid - self._around.expected_on_grid).mean()))
+
+        def less(places: Array) -> Array:
+            return before.expected(places) - self._around.expected(places)
+
+        self._particles = self._particles.retuned(less)
 
     def revision(self) -> Revision | None:
         """Return nothing: what was said stands."""

@@ -94,6 +94,10 @@ class VisionRbmcdaTracker:
             self._count["detection off the floor or without an extent"] += nonsense
         self._particles.scan(self._t, seen.places, seen.noise)
 
+    def retune(self, view: AreaView) -> None:
+        """Go on under another radio model, which says nothing about people as cameras see them."""
+        self.view = view
+
     def revision(self) -> Revision | None:
         """Return nothing: what was said stands."""
         return None

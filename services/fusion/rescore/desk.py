@@ -25,6 +25,8 @@ log = structlog.get_logger(__name__)
 class RescoreDesk:
     """Answers one area's questions.
 
+    ``view`` may be set anew when another radio model goes live.
+
     Args:
         view: the area under the active model.
         tracker: name of the tracker that runs.
@@ -34,7 +36,7 @@ class RescoreDesk:
     """
 
     def __init__(self, view: AreaView, tracker: str, seed: int, recent: RecentChunks, patience: float) -> None:
-        self._view = view
+        self.view = view
         self._tracker = tracker
         self._seed = seed
         self._recent = recent
@@ -48,7 +50,7 @@ class RescoreDesk:
         """Answer a question, soon or when its trial is over; returns at once."""
         try:
             candidate = read_candidate(question.payload)
-            view, scale = apply(candidate, self._view)
+            view, scale = apply(candidate, self.view)
         except CandidateError as error:
             question.answer(_refusal(str(error)))
             return
@@ -60,7 +62,7 @@ class RescoreDesk:
             question.answer(_refusal("busy: another candidate is being tried; ask again later"))
             return
         asked = None if isinstance(candidate, NoCandidate) else view
-        job = Job(chunks, self._tracker, self._seed, self._view, asked, scale)
+        job = Job(chunks, self._tracker, self._seed, self.view, asked, scale)
         threading.Thread(target=self._try, args=(job, question, erasures), name="rescore", daemon=True).start()
 
     def close(self) -> None:

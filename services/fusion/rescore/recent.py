@@ -39,7 +39,7 @@ class RecentChunks:
             self.clear()
         if chunk.erasures:
             return
-        packed = zlib.compress(_encode(_without_boxes(chunk)), 1)
+        packed = zlib.compress(_encode(_lighter(chunk)), 1)
         self._kept.append((chunk.t_end, packed))
         self.bytes += len(packed)
         while self._kept and (self.bytes > self._most_bytes or self._kept[0][0] < chunk.t_end - self._seconds):
@@ -61,7 +61,7 @@ def decode_chunk(packed: bytes) -> Chunk:
     return _decoder.decode(zlib.decompress(packed))
 
 
-def _without_boxes(chunk: Chunk) -> Chunk:
-    """Return the chunk with empty boxes: trackers work on the floor, and boxes are half of what a frame weighs."""
+def _lighter(chunk: Chunk) -> Chunk:
+    """Return the chunk without what no trial needs: radio models, and boxes, which are half of what a frame weighs."""
     frames = (replace(frame, box=[(0.0, 0.0, 0.0, 0.0)] * len(frame.x)) for frame in chunk.frames)
-    return dataclasses.replace(chunk, frames=tuple(frames))
+    return dataclasses.replace(chunk, frames=tuple(frames), models=())

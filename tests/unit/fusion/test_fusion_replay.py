@@ -11,9 +11,9 @@ from fusion_world import World, make_site
 from services.fusion.area_view import AreaView
 from services.fusion.evidence.tracker import AnonymousTracker
 from services.fusion.registry import TRACKERS, make_tracker
-from services.fusion.replay import StateAnswer, chunk_of, radio_digest, replay_steps, replay_tracks
+from services.fusion.replay import StateAnswer, chunk_of, replay_steps, replay_tracks
 from services.fusion.tracker import Chunk, TrackerStateError
-from services.fusion.trained_view import trained_view
+from services.fusion.trained_view import radio_digest, trained_view
 from shared.messages import ChunkMark, Message, Revision, encode
 from shared.radio import RadioModel, ShadowingMap, write_radio_model
 from shared.site import Site
