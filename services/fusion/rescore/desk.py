@@ -12,7 +12,7 @@ import msgspec
 import structlog
 
 from services.fusion.area_view import AreaView
-from services.fusion.rescore.candidate import CandidateError, NoCandidate, apply, read_candidate
+from services.fusion.rescore.candidate import CandidateError, apply, read_candidate
 from services.fusion.rescore.recent import RecentChunks
 from services.fusion.rescore.worker import Job, too_few
 from shared.bus import Question
@@ -49,8 +49,7 @@ class RescoreDesk:
     def take(self, question: Question) -> None:
         """Answer a question, soon or when its trial is over; returns at once."""
         try:
-            candidate = read_candidate(question.payload)
-            view, scale = apply(candidate, self.view)
+            asked = apply(read_candidate(question.payload), self.view)
         except CandidateError as error:
             question.answer(_refusal(str(error)))
             return
@@ -61,8 +60,7 @@ class RescoreDesk:
         if self._closed or not self._free.acquire(blocking=False):
             question.answer(_refusal("busy: another candidate is being tried; ask again later"))
             return
-        asked = None if isinstance(candidate, NoCandidate) else view
-        job = Job(chunks, self._tracker, self._seed, self.view, asked, scale)
+        job = Job(chunks, self._tracker, self._seed, asked)
         threading.Thread(target=self._try, args=(job, question, erasures), name="rescore", daemon=True).start()
 
     def close(self) -> None:

@@ -10,13 +10,16 @@ withheld, because what they are held against is what cameras saw.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from services.fusion.rescore.offsets import Offsets
+from services.fusion.rescore.significance import SLOT
 from shared.radio import PathLoss, RadioNoise, ShadowingMap
 
 __all__ = [
@@ -77,15 +80,21 @@ class Score:
         readings: how many were withheld.
         named: how many of them were measured while a track carried the device's name.
         gain: log-likelihood at the tracks' places minus that without places, nats.
+        slots: of it by block of ``SLOT`` seconds, and
+        count: of the readings.
     """
 
     readings: int = 0
     named: int = 0
     gain: float = 0.0
+    slots: Mapping[int, float] = field(default_factory=dict)
+    count: Mapping[int, int] = field(default_factory=dict)
 
     def __add__(self, other: Score) -> Score:
         """Return the sums over both."""
-        return Score(self.readings + other.readings, self.named + other.named, self.gain + other.gain)
+        slots = {slot: self.slots.get(slot, 0.0) + other.slots.get(slot, 0.0) for slot in {*self.slots, *other.slots}}
+        count = {slot: self.count.get(slot, 0) + other.count.get(slot, 0) for slot in {*self.count, *other.count}}
+        return Score(self.readings + other.readings, self.named + other.named, self.gain + other.gain, slots, count)
 
     @property
     def per_reading(self) -> float:
@@ -122,8 +131,8 @@ def score_scans(
         for number, rows in enumerate(known)
         for start in range(0, len(rows), BLOCK)
     ]
-    gain = np.zeros(len(devices))
-    for _, number, rows in sorted(blocks, key=lambda block: block[:2]):
+    slots: list[dict[int, float]] = [defaultdict(float) for _ in devices]
+    for begin, number, rows in sorted(blocks, key=lambda block: block[:2]):
         heard = devices[number]
         level, columns, spots = heard.level[rows], heard.access_point[rows], heard.places[rows]
         expected = radio.rssi(spots)[np.arange(len(rows)), columns]
@@ -133,22 +142,24 @@ def score_scans(
             expected = expected + mean[np.arange(len(rows)), columns]
             variance = unknown[np.arange(len(rows)), columns]
         covariance = placed_covariance(spots, columns, variance, noise)
-        gain[number] += model.log_likelihood(level - expected, number, columns, covariance)
+        gain = model.log_likelihood(level - expected, number, columns, covariance)
         covariance = null_covariance(heard.t[rows], columns, null[1], noise)
-        gain[number] -= nowhere.log_likelihood(level - null[0][columns], number, columns, covariance)
+        gain -= nowhere.log_likelihood(level - null[0][columns], number, columns, covariance)
+        slots[number][math.floor(begin / SLOT)] += gain
     return [
-        Score(len(heard.level), len(rows), float(total))
-        for heard, rows, total in zip(devices, known, gain, strict=True)
+        Score(len(heard.level), len(rows), sum(gained.values()), gained, _by_slot(heard.t))
+        for heard, rows, gained in zip(devices, known, slots, strict=True)
     ]
 
 
-def score_walks(length: Array, variance: Array, duration: Array, moved: Array) -> Score:
+def score_walks(t: Array, length: Array, variance: Array, duration: Array, moved: Array) -> Score:
     """Return the score of one device's stretches of steps: each counts as one reading.
 
     A stretch is scored by how far the named track went meanwhile, against anybody who walks; no stretch says more than
     ``LIMIT``.
 
     Args:
+        t: (n,) when each stretch ended, s.
         length: (n,) sum of the step lengths under the model, metres.
         variance: (n,) of it, m².
         duration: (n,) s.
@@ -160,7 +171,15 @@ def score_walks(length: Array, variance: Array, duration: Array, moved: Array) -
     model = -0.5 * ((moved[known] - length[known]) ** 2 / spread + np.log(spread))
     anybody = -0.5 * ((moved[known] - usual) ** 2 / usual_spread + np.log(usual_spread))
     gain = np.minimum(np.maximum(model - anybody, -LIMIT), LIMIT)
-    return Score(len(length), int(known.sum()), float(gain.sum()))
+    slots: dict[int, float] = defaultdict(float)
+    for slot, nats in zip(np.floor(t[known] / SLOT).astype(int).tolist(), gain.tolist(), strict=True):
+        slots[slot] += nats
+    return Score(len(length), int(known.sum()), float(gain.sum()), slots, _by_slot(t))
+
+
+def _by_slot(t: Array) -> dict[int, int]:
+    slot, count = np.unique(np.floor(t / SLOT).astype(np.int64), return_counts=True)
+    return dict(zip(slot.tolist(), count.tolist(), strict=True))
 
 
 def placed_covariance(places: Array, access_point: Integers, shadowing: Array, noise: RadioNoise) -> Array:

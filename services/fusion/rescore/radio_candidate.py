@@ -1,8 +1,9 @@
 """A radio model as it is asked about: corrected access points, a map of what they leave unexplained.
 
-``{"kind": "radio", "access_points": {ID: {"power_1m": dBm, "path_loss_exponent": n}}, "shadowing": {"names": [ID],
-"origin": [x, y], "cell": metres, "mean": [per name][row][column] dB, "variance": likewise dB²}}``; either part may be
-left out, and access points that are not named keep what the active model says.
+``{"kind": "radio", "access_points": {ID: {"power_1m": dBm, "path_loss_exponent": n, "position": [x, y, z]}},
+"shadowing": {"names": [ID], "origin": [x, y], "cell": metres, "mean": [per name][row][column] dB, "variance": likewise
+dB²}}``; either part may be left out, and access points that are not named keep what the active model says. Or the whole
+of it: ``{"kind": "radio", "model": RadioModelFile}``, null for what the site file says.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ import msgspec
 import numpy as np
 
 from services.fusion.area_view import AreaView
-from shared.radio import PathLoss, RadioNoise, ShadowingMap
+from services.fusion.trained_view import believable_place, under_model
+from shared.messages import RadioModelFile
+from shared.radio import PathLoss, RadioModelError, RadioNoise, ShadowingMap
 
-__all__ = ["CandidateError", "RadioCandidate", "with_radio"]
+__all__ = ["CandidateError", "RadioCandidate", "Windowed", "with_radio"]
 
 POWER = (-110.0, 0.0)
 EXPONENT = (1.0, 6.0)
@@ -32,6 +35,7 @@ class CandidateError(ValueError):
 class _AccessPoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     power_1m: float | None = None
     path_loss_exponent: float | None = None
+    position: tuple[float, float, float] | None = None
 
 
 class _Shadowing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -42,11 +46,19 @@ class _Shadowing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     variance: list[list[list[float]]]
 
 
-class RadioCandidate(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="radio"):
+class Windowed(msgspec.Struct, frozen=True, kw_only=True):
+    """What every question may say: seconds since the epoch; only what was withheld in between is scored."""
+
+    since: float | None = None
+    until: float | None = None
+
+
+class RadioCandidate(Windowed, frozen=True, kw_only=True, tag_field="kind", tag="radio"):
     """Another radio model."""
 
     access_points: dict[str, _AccessPoint] = {}
     shadowing: _Shadowing | None = None
+    model: RadioModelFile | msgspec.UnsetType | None = msgspec.UNSET
 
 
 def with_radio(model: RadioCandidate, view: AreaView) -> AreaView:
@@ -55,10 +67,21 @@ def with_radio(model: RadioCandidate, view: AreaView) -> AreaView:
     Raises:
         CandidateError: naming the field, the value found and what is allowed.
     """
-    if not model.access_points and model.shadowing is None:
-        raise CandidateError("access_points, shadowing: found neither; allowed: one of them or both")
+    parts = bool(model.access_points) or model.shadowing is not None
+    if model.model is not msgspec.UNSET:
+        if parts:
+            raise CandidateError(
+                "model: found beside access_points or shadowing; allowed: a whole model or parts of one"
+            )
+        try:
+            return under_model(view, model.model)
+        except RadioModelError as error:
+            raise CandidateError(f"model: {error}") from error
+    if not parts:
+        raise CandidateError("access_points, shadowing, model: found neither; allowed: one of them")
     known = view.radio.names
     power, exponent = view.radio.power_1m.copy(), view.radio.exponent.copy()
+    positions = view.radio.positions.copy()
     for name, point in model.access_points.items():
         where = f"access_points.{name}"
         if name not in known:
@@ -68,7 +91,13 @@ def with_radio(model: RadioCandidate, view: AreaView) -> AreaView:
             power[index] = _within(f"{where}.power_1m", point.power_1m, POWER)
         if point.path_loss_exponent is not None:
             exponent[index] = _within(f"{where}.path_loss_exponent", point.path_loss_exponent, EXPONENT)
-    radio = PathLoss(known, view.radio.positions, power, exponent)
+        if point.position is not None:
+            if not believable_place(view, point.position):
+                raise CandidateError(
+                    f"{where}.position: found {list(point.position)}; allowed: about floor {view.floor}"
+                )
+            positions[index] = point.position
+    radio = PathLoss(known, positions, power, exponent)
     if model.shadowing is None and view.shadowing is not None and model.access_points:
         name = next(iter(model.access_points))
         raise CandidateError(

@@ -6,31 +6,36 @@ import os
 import pickle
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 
 from services.fusion.area_view import AreaView
+from services.fusion.registry import DEFAULT_TRACKER
+from services.fusion.rescore.candidate import CandidateError, apply, read_candidate
 from services.fusion.rescore.quality import Score, total
 from services.fusion.rescore.recent import decode_chunk
-from services.fusion.rescore.trial import LEAST_SCANS, run_trial, withhold
+from services.fusion.rescore.setting import Asked
+from services.fusion.rescore.sight import Sight
+from services.fusion.rescore.significance import gain_error, rate_error
+from services.fusion.rescore.trial import LEAST_SCANS, Held, run_trial, withhold
+from services.fusion.tracker import Chunk
 
-__all__ = ["Answer", "DeviceAnswer", "Job", "answer", "too_few"]
+__all__ = ["Answer", "DeviceAnswer", "Job", "SightAnswer", "answer", "judge", "rescore", "too_few"]
 
 NICE = 15
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be tried; ``candidate`` None where only the active model is scored."""
+    """What is to be tried, on chunks as ``RecentChunks`` keeps them."""
 
     chunks: Sequence[bytes]
     tracker: str
     seed: int
-    active: AreaView
-    candidate: AreaView | None
-    scale: dict[str, float]
+    asked: Asked
 
 
 class DeviceAnswer(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,11 +47,28 @@ class DeviceAnswer(msgspec.Struct, frozen=True, kw_only=True):
     gain: float | None = None
 
 
+class SightAnswer(msgspec.Struct, frozen=True, kw_only=True):
+    """The cumulative quality score of both sides, nats per second of the time scored.
+
+    ``tracks`` are those of high quality, ``people`` how many of them there were at a time, in the mean.
+    """
+
+    active: float
+    active_tracks: int
+    active_people: float
+    candidate: float | None = None
+    candidate_tracks: int | None = None
+    candidate_people: float | None = None
+    gain: float | None = None
+    gain_error: float | None = None
+
+
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
     """What fusion answers; ``error`` alone where nothing could be tried.
 
-    Scores are nats per withheld reading beyond a model that knows no places; ``gain`` is candidate minus active.
-    ``named``: share of withheld readings made while a track carried the device's name.
+    Scores are nats per withheld reading beyond a model that knows no places; ``gain`` is candidate minus active and
+    ``gain_error`` its standard error. ``named``: share of withheld readings made while a track carried the device's
+    name. Where cameras are asked about, too few readings leave the gain open instead of being an error.
     """
 
     error: str | None = None
@@ -57,43 +79,104 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     candidate: float | None = None
     candidate_named: float | None = None
     gain: float | None = None
+    gain_error: float | None = None
+    sight: SightAnswer | None = None
     devices: dict[str, DeviceAnswer] = {}
     took: float = 0.0
 
 
+def rescore(
+    question: bytes, chunks: Iterable[Chunk], view: AreaView, tracker: str = DEFAULT_TRACKER, seed: int = 0
+) -> dict[str, Any]:
+    """Answer a question as fusion does over the bus, in this process and at once.
+
+    Args:
+        question: the candidate, JSON.
+        chunks: what was consumed, oldest first.
+        view: the area under the active model.
+        tracker: name of the tracker.
+        seed: of it.
+    """
+    try:
+        told = judge(list(chunks), tracker, seed, apply(read_candidate(question), view))
+    except CandidateError as error:
+        told = Answer(error=str(error))
+    found: dict[str, Any] = msgspec.to_builtins(told)
+    return found
+
+
 def answer(job: Job) -> Answer:
+    """Score both sides of a job."""
+    return judge([decode_chunk(packed) for packed in job.chunks], job.tracker, job.seed, job.asked)
+
+
+def judge(chunks: Sequence[Chunk], tracker: str, seed: int, asked: Asked) -> Answer:
     """Score the active model and the candidate."""
     began = time.perf_counter()
-    chunks = [decode_chunk(packed) for packed in job.chunks]
-    kept, withheld, seconds = withhold(chunks, job.active.radio.names)
-    scans = sum(one.scans for one in withheld.values())
-    if scans < LEAST_SCANS:
-        return Answer(error=too_few(scans))
-    active = run_trial(kept, withheld, job.active, job.tracker, job.seed, {})
-    candidate = None
-    if job.candidate is not None:
-        candidate = run_trial(kept, withheld, job.candidate, job.tracker, job.seed, job.scale)
-    overall = total(list(active.values()))
-    other = None if candidate is None else total(list(candidate.values()))
-    return Answer(
-        scans=scans,
-        seconds=seconds,
-        active=overall.per_reading,
-        active_named=_named(overall),
-        candidate=None if other is None else other.per_reading,
-        candidate_named=None if other is None else _named(other),
-        gain=None if other is None else other.per_reading - overall.per_reading,
-        devices={
-            device: _of_device(one.scans, active[device], None if candidate is None else candidate[device])
-            for device, one in withheld.items()
-        },
-        took=time.perf_counter() - began,
-    )
+    held = withhold(chunks, asked.active.view.radio.names, asked.since, asked.until)
+    if held.seconds <= 0.0 or (held.scans < LEAST_SCANS and not asked.sight):
+        return Answer(error=too_few(held.scans))
+    active, seen = run_trial(held, asked.active, tracker, seed, sight=asked.sight)
+    candidate, would = None, None
+    if asked.candidate is not None:
+        candidate, would = run_trial(held, asked.candidate, tracker, seed, sight=asked.sight)
+    told = _answer(held, active, candidate)
+    sight = None if seen is None else _sight(held, seen, would)
+    return msgspec.structs.replace(told, sight=sight, took=time.perf_counter() - began)
 
 
 def too_few(scans: int) -> str:
     """Return why nothing can be said of so few withheld scans."""
-    return f"scans: found {scans} to withhold in the last minutes; allowed: {LEAST_SCANS} or more"
+    return f"scans: found {scans} to withhold in the time asked about; allowed: {LEAST_SCANS} or more"
+
+
+def _answer(held: Held, active: dict[str, Score], candidate: dict[str, Score] | None) -> Answer:
+    overall = total(list(active.values()))
+    told = Answer(
+        scans=held.scans,
+        seconds=held.seconds,
+        active=overall.per_reading,
+        active_named=_named(overall),
+        devices={
+            device: _of_device(one.scans, active[device], None if candidate is None else candidate[device])
+            for device, one in held.withheld.items()
+        },
+    )
+    if candidate is None:
+        return told
+    other = total(list(candidate.values()))
+    enough = held.scans >= LEAST_SCANS
+    count = {(device, slot): readings for device, score in active.items() for slot, readings in score.count.items()}
+    gains = {
+        (device, slot): candidate[device].slots.get(slot, 0.0) - active[device].slots.get(slot, 0.0)
+        for device, slot in count
+    }
+    return msgspec.structs.replace(
+        told,
+        candidate=other.per_reading,
+        candidate_named=_named(other),
+        gain=other.per_reading - overall.per_reading if enough else None,
+        gain_error=gain_error(gains, count) if enough else None,
+    )
+
+
+def _sight(held: Held, active: Sight, candidate: Sight | None) -> SightAnswer:
+    seconds = held.seconds
+    told = SightAnswer(
+        active=active.quality / seconds, active_tracks=active.tracks, active_people=active.lasted / seconds
+    )
+    if candidate is None:
+        return told
+    slots = {*active.slots, *candidate.slots}
+    gains = {slot: candidate.slots.get(slot, 0.0) - active.slots.get(slot, 0.0) for slot in slots}
+    return msgspec.structs.replace(
+        told,
+        candidate=candidate.quality / seconds,
+        candidate_tracks=candidate.tracks,
+        candidate_people=candidate.lasted / seconds,
+        gain=(candidate.quality - active.quality) / seconds,
+        gain_error=rate_error(gains, held.since, held.until),
+    )
 
 
 def _of_device(scans: int, active: Score, candidate: Score | None) -> DeviceAnswer:

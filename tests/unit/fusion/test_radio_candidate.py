@@ -25,7 +25,9 @@ def shadowing(**changes: Any) -> dict[str, Any]:
 
 
 def changed_by(model: dict[str, Any], view: AreaView) -> AreaView:
-    return apply(read_candidate(json.dumps({"kind": "radio", **model}).encode()), view)[0]
+    candidate = apply(read_candidate(json.dumps({"kind": "radio", **model}).encode()), view).candidate
+    assert candidate is not None
+    return candidate.view
 
 
 def test_what_is_named_is_corrected_and_all_else_stays(view: AreaView) -> None:

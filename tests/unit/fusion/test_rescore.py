@@ -3,15 +3,17 @@
 import dataclasses
 import json
 from concurrent.futures import Future
+from types import SimpleNamespace
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
-from fusion_world import World, make_site
+from fusion_world import World, frame, make_site
 from msgspec.structs import replace
 from scipy.stats import multivariate_normal
 
-from services.fusion.area_view import AreaView
+from services.fusion.area_view import AreaView, ViewMap
 from services.fusion.evidence.identity_settings import NOISE
 from services.fusion.rescore.candidate import CandidateError, apply, read_candidate
 from services.fusion.rescore.desk import RescoreDesk
@@ -27,10 +29,13 @@ from services.fusion.rescore.quality import (
     score_walks,
 )
 from services.fusion.rescore.recent import RecentChunks, decode_chunk
+from services.fusion.rescore.setting import Asked, Setting, under
+from services.fusion.rescore.sight import DETECTION, SightJudge
+from services.fusion.rescore.significance import gain_error
 from services.fusion.rescore.trial import withhold
-from services.fusion.rescore.worker import Job, answer
+from services.fusion.rescore.worker import Job, answer, rescore
 from services.fusion.tracker import Chunk
-from shared.messages import Erasure
+from shared.messages import DetectionFrame, Erasure, TrackFrame
 from shared.radio import PathLoss, log_likelihood
 from shared.site import Site
 
@@ -167,7 +172,8 @@ def test_who_withdraws_consent_is_in_nothing_that_is_kept(chunks: list[Chunk]) -
 
 
 def test_every_second_scan_is_withheld_and_the_first_part_does_not_count(view: AreaView, chunks: list[Chunk]) -> None:
-    kept, withheld, seconds = withhold(chunks, view.radio.names)
+    held = withhold(chunks, view.radio.names)
+    kept, withheld, seconds = held.chunks, held.withheld, held.seconds
     everything = [scan for one in chunks for scan in one.scans]
     left = [scan for one in kept for scan in one.scans]
     assert len(left) == pytest.approx(len(everything) / 2, abs=3)
@@ -183,7 +189,7 @@ def test_a_worse_radio_model_scores_worse_and_the_same_model_the_same(view: Area
     recent = RecentChunks(1e9, 10**9)
     for one in chunks:
         recent.add(one)
-    spoilt, _ = apply(
+    asked = apply(
         read_candidate(
             json.dumps(
                 {
@@ -196,7 +202,7 @@ def test_a_worse_radio_model_scores_worse_and_the_same_model_the_same(view: Area
         ),
         view,
     )
-    job = Job(recent.copy(), "evidence", 0, view, spoilt, {})
+    job = Job(recent.copy(), "evidence", 0, asked)
     told = answer(job)
     assert told.error is None
     assert told.scans > 50
@@ -204,8 +210,10 @@ def test_a_worse_radio_model_scores_worse_and_the_same_model_the_same(view: Area
     assert told.gain is not None
     assert told.gain < -0.05
     assert {device: one.scans for device, one in told.devices.items()}.keys() == {"0", "1", "2"}
-    same = answer(dataclasses.replace(job, candidate=view))
-    assert (same.gain, same.active) == (0.0, told.active)
+    assert told.gain_error is not None
+    assert 0.0 < told.gain_error < abs(told.gain)
+    same = answer(dataclasses.replace(job, asked=Asked(Setting(view), Setting(view))))
+    assert (same.gain, same.gain_error, same.active) == (0.0, 0.0, told.active)
     few = answer(dataclasses.replace(job, chunks=job.chunks[:30]))
     assert few.error is not None
     assert "20 or more" in few.error
@@ -216,9 +224,8 @@ def test_a_stride_candidate_stretches_what_phones_say(view: AreaView, chunks: li
     recent = RecentChunks(1e9, 10**9)
     for one in chunks:
         recent.add(one)
-    same_view, scale = apply(read_candidate(b'{"kind": "stride", "scale": {"0": 1.8, "1": 0.55}}'), view)
-    assert same_view is view
-    told = answer(Job(recent.copy(), "evidence", 0, view, view, scale))
+    asked = apply(read_candidate(b'{"kind": "stride", "scale": {"0": 1.8, "1": 0.55}}'), view)
+    told = answer(Job(recent.copy(), "evidence", 0, asked))
     gains = {device: one.gain or 0.0 for device, one in told.devices.items()}
     assert max(gains["0"], gains["1"]) < -0.02
     assert gains["2"] > max(gains["0"], gains["1"])
@@ -228,23 +235,23 @@ def test_steps_as_long_as_the_track_went_explain_it_best() -> None:
     rng = np.random.default_rng(4)
     moved = rng.normal(1.1, 0.3, 200)
     length = moved + rng.normal(0.0, 0.1, 200)
-    duration, variance = np.ones(200), np.full(200, 0.02)
+    ends, duration, variance = np.arange(200.0), np.ones(200), np.full(200, 0.02)
     scores = [
-        score_walks(k * length, k**2 * variance, duration, moved).per_reading for k in (0.7, 0.85, 1.0, 1.15, 1.3)
+        score_walks(ends, k * length, k**2 * variance, duration, moved).per_reading for k in (0.7, 0.85, 1.0, 1.15, 1.3)
     ]
     assert np.argmax(scores) == 2
     assert scores[2] > 0.1
-    hidden = score_walks(length, variance, duration, np.full(200, np.nan))
+    hidden = score_walks(ends, length, variance, duration, np.full(200, np.nan))
     assert (hidden.readings, hidden.named, hidden.gain) == (200, 0, 0.0)
 
 
 @pytest.mark.parametrize(
     ("question", "words"),
     [
-        (b"{", "allowed kinds: none, radio, stride"),
+        (b"{", "allowed kinds: detections, none, radio, stride"),
         (b'{"kind": "magic"}', "magic"),
         (b'{"kind": "radio"}', "found neither"),
-        (b'{"kind": "stride", "scale": {}}', "scale: found nothing"),
+        (b'{"kind": "stride", "scale": {}}', "scale, lines: found nothing"),
         (b'{"kind": "stride", "scale": {"d": 9}}', "scale.d: found 9; allowed: 0.5 … 2"),
     ],
 )
@@ -255,9 +262,9 @@ def test_a_wrong_candidate_is_one_clear_message(view: AreaView, question: bytes,
 
 
 def test_no_stretch_of_steps_says_more_than_the_limit() -> None:
-    wild = score_walks(np.array([1.0, 90.0]), np.full(2, 1e-4), np.ones(2), np.array([30.0, 1.0]))
+    wild = score_walks(np.zeros(2), np.array([1.0, 90.0]), np.full(2, 1e-4), np.ones(2), np.array([30.0, 1.0]))
     assert wild.gain == pytest.approx(0.0, abs=2.0 * LIMIT)
-    assert abs(score_walks(np.array([90.0]), np.array([1e-4]), np.ones(1), np.ones(1)).gain) == LIMIT
+    assert abs(score_walks(np.zeros(1), np.array([90.0]), np.array([1e-4]), np.ones(1), np.ones(1)).gain) == LIMIT
 
 
 def test_a_trial_that_runs_while_somebody_withdraws_is_not_told(view: AreaView, chunks: list[Chunk]) -> None:
@@ -278,3 +285,143 @@ def test_a_trial_that_runs_while_somebody_withdraws_is_not_told(view: AreaView, 
     desk.forget()
     assert b"withdrew consent" in asked.told.result(timeout=60.0)
     desk.close()
+
+
+def frames_of(chunks: list[Chunk], camera: str = "west") -> list[DetectionFrame]:
+    return sorted((seen for one in chunks for seen in one.frames if seen.camera == camera), key=lambda seen: seen.t)
+
+
+def ask(view: AreaView, chunks: list[Chunk], **candidate: Any) -> dict[str, Any]:
+    return rescore(json.dumps(candidate).encode(), chunks, view)
+
+
+def thinned(frames: list[DetectionFrame], kept: float) -> list[dict[str, Any]]:
+    """What a detector that misses more would have told."""
+    rng = np.random.default_rng(2)
+    told = []
+    for seen in frames:
+        left = np.flatnonzero(rng.random(len(seen.x)) < kept).tolist()
+        columns = {name: [getattr(seen, name)[row] for row in left] for name in seen.columns()}
+        told.append(msgspec.to_builtins(replace(seen, **columns)))
+    return told
+
+
+def test_a_detector_that_misses_more_has_less_quality_and_the_same_detections_as_much(
+    view: AreaView, chunks: list[Chunk]
+) -> None:
+    frames = frames_of(chunks)
+    same = ask(view, chunks, kind="detections", frames={"west": [msgspec.to_builtins(seen) for seen in frames]})
+    assert same["error"] is None
+    assert (same["sight"]["gain"], same["gain"]) == (0.0, 0.0)
+    assert same["sight"]["active"] > 20.0
+    assert same["sight"]["active_people"] == pytest.approx(3.0, abs=0.5)
+    half = ask(view, chunks, kind="detections", frames={"west": thinned(frames, 0.5)})
+    assert half["sight"]["active"] == same["sight"]["active"]
+    assert half["sight"]["gain"] < -3.0 * half["sight"]["gain_error"] < 0.0
+    # Both sides on the same pictures: what the camera did detect live is no side.
+    thin = thinned(frames, 0.5)
+    both = ask(view, chunks, kind="detections", frames={"west": thin}, active={"west": thin})
+    assert (both["sight"]["gain"], both["sight"]["active"]) == (0.0, half["sight"]["candidate"])
+
+
+def test_detections_are_judged_without_phones_and_only_where_cameras_looked_anew(
+    view: AreaView, chunks: list[Chunk]
+) -> None:
+    deaf = [dataclasses.replace(one, scans=(), motions=()) for one in chunks]
+    frames = [msgspec.to_builtins(seen) for seen in frames_of(chunks)]
+    told = ask(view, deaf, kind="detections", frames={"west": frames[280:350]})
+    assert (told["error"], told["gain"], told["scans"]) == (None, None, 0)
+    assert told["seconds"] == pytest.approx(10.0, abs=0.5)
+    assert told["sight"]["gain"] == 0.0
+
+
+def test_clutter_is_worth_less_than_misses_are_dear() -> None:
+    """The score of one track by hand: assigned, missed, and a detection that is nobody's."""
+    depth = np.full((40, 40), 5.0)
+    seen = ViewMap(np.zeros(2), 0.25, depth)
+    judge = SightJudge(SimpleNamespace(views={"west": seen}), 0.0, 100.0)  # type: ignore[arg-type]
+    tracks = TrackFrame(
+        t=0.0, area="hall", chunk=0, tracker="anonymous", track=[7], floor=["ground"], x=[5.0], y=[5.0],
+        covariance=[(0.02, 0.0, 0.02)], vx=[0.0], vy=[0.0], state=["confirmed"], device=[None], probability=[1.0],
+        runner_up=[None], runner_up_probability=[0.0], former=[[]], sources=[[]], quality=[1.0],
+    )  # fmt: skip
+    looks = [[(5.0, 5.1)], [(9.0, 9.0)], [(5.0, 5.0), (5.1, 5.0)]]
+    for number, places in enumerate(looks * 3):
+        t = float(number)
+        judge.look([frame(t, places, sigma=0.1)], replace(tracks, t=t))
+    spread = 0.02 + 0.01
+    density = [float(multivariate_normal(np.zeros(2), spread * np.eye(2)).pdf(off)) for off in ([0.0, 0.1], [0.0, 0.0])]
+    by_hand = 3.0 * (sum(np.log(p * DETECTION * 100.0) for p in density) + np.log(1.0 - DETECTION))
+    assert judge.sight().quality == pytest.approx(by_hand)
+    assert (judge.sight().tracks, judge.sight().lasted) == (1, 8.0)
+    assert sum(judge.sight().slots.values()) == pytest.approx(by_hand)
+
+
+def test_only_what_came_later_is_scored_and_nothing_there_is_an_error(view: AreaView, chunks: list[Chunk]) -> None:
+    t0 = chunks[0].t_start
+    late = ask(view, chunks, kind="none", since=t0 + 40.0)
+    early = ask(view, chunks, kind="none", until=t0 + 40.0)
+    whole = ask(view, chunks, kind="none")
+    assert late["seconds"] == pytest.approx(20.0, abs=1.0)
+    assert whole["scans"] == pytest.approx(60, abs=3)
+    assert late["scans"] == pytest.approx(30, abs=3)
+    assert early["seconds"] < 30.0
+    assert "found 0 to withhold in the time asked about" in ask(view, chunks, kind="none", since=t0 + 900.0)["error"]
+    assert "until: found" in ask(view, chunks, kind="none", since=t0 + 9.0, until=t0 + 3.0)["error"]
+
+
+def test_a_line_of_steps_on_cadence_is_a_candidate_too(view: AreaView, chunks: list[Chunk]) -> None:
+    """The people of this world take two steps a second, whatever their pace: any line is a length."""
+    usual = float(np.mean([length for one in chunks for batch in one.motions for length in batch.length]))
+    asked = apply(
+        read_candidate(json.dumps({"kind": "stride", "lines": {"0": {"slope": 0.0, "offset": usual}}}).encode()), view
+    )
+    assert asked.candidate is not None
+    walked = [batch for one in under(asked.candidate, chunks) for batch in one.motions]
+    assert {length for batch in walked if batch.device == "0" for length in batch.length} == {usual}
+    published = [batch for one in chunks for batch in one.motions if batch.device != "0"]
+    assert [batch for batch in walked if batch.device != "0"] == published
+    told = ask(view, chunks, kind="stride", lines={"0": {"slope": 0.6, "offset": 0.0}})
+    assert told["devices"]["0"]["gain"] < 0.0
+
+
+def test_an_error_of_a_gain_is_that_of_independent_blocks() -> None:
+    rng = np.random.default_rng(3)
+    gains, errors = [], []
+    for _ in range(200):
+        gain = {(str(device), slot): float(rng.normal(2.0, 5.0)) for device in range(4) for slot in range(10)}
+        told = gain_error(gain, dict.fromkeys(gain, 10))
+        assert told is not None
+        gains.append(sum(gain.values()) / 400.0)
+        errors.append(told)
+    assert np.mean(errors) == pytest.approx(np.std(gains), rel=0.15)
+    assert gain_error({}, {("a", 1): 5}) is None
+
+
+@pytest.mark.parametrize(
+    ("candidate", "words"),
+    [
+        ({"frames": {}}, "frames: found nothing; allowed: camera ids"),
+        ({"frames": {"north": []}}, "frames.north: no camera of area hall; allowed: east, west"),
+        ({"frames": {"west": []}}, "frames.west: found 0 frames; allowed: 2 or more"),
+        ({"frames": {"west": [(1.0, "east"), (2.0, "west")]}}, "frames.west[0]: found 'east' on floor 'ground'"),
+        ({"frames": {"west": [(2.0, "west"), (1.0, "west")]}}, "frames.west[1].t: found 1.0; allowed: later than"),
+        (
+            {"frames": {"west": [(1.0, "west"), (2.0, "west")]}, "active": {"east": [(1.0, "east"), (2.0, "east")]}},
+            "active.west: found 0 frames; allowed: as many as in frames, 2",
+        ),
+    ],
+)
+def test_wrong_detections_are_one_clear_message(
+    view: AreaView, chunks: list[Chunk], candidate: dict[str, dict[str, list[tuple[float, str]]]], words: str
+) -> None:
+    made = {
+        field: {name: [msgspec.to_builtins(frame(t, camera=camera)) for t, camera in told] for name, told in of.items()}
+        for field, of in candidate.items()
+    }
+    assert words in ask(view, chunks, kind="detections", **made)["error"]
+
+
+def test_an_absurd_question_is_refused_unread(view: AreaView) -> None:
+    with pytest.raises(CandidateError, match=r"question: found 65 MB; allowed: at most 64"):
+        read_candidate(b" " * (65 * 2**20))
