@@ -34,12 +34,13 @@ from shared.messages import (
     Erasure,
     Message,
     MotionBatch,
+    RadioModelUpdate,
     RadioScan,
     Revision,
     TrackFrame,
     encode,
 )
-from shared.radio import PathLoss, RadioModel, ShadowingMap, write_radio_model
+from shared.radio import PathLoss, RadioModel, ShadowingMap, pack_radio_model, write_radio_model
 from shared.runner import Health
 from shared.settings import SettingsError
 from shared.site import load_site
@@ -471,6 +472,73 @@ def test_a_trained_radio_model_is_what_the_tracker_sees(site_file: Path, tmp_pat
     gallery = FusionSettings.model_validate({"site_file": site_file, "area": "gallery", "radio_model": file})
     with pytest.raises(SettingsError, match=r"radio_model: .*other access points than the site's: lacks upstairs"):
         FusionService.check(gallery, site)
+
+
+def learned(version: int, site: str = "test-hall", power: float = 1.0) -> RadioModelUpdate:
+    radio = radio_model()
+    radio = dataclasses.replace(radio, power_1m=radio.power_1m + power)
+    flat = np.zeros((len(POINTS), 2, 2))
+    model = RadioModel(site, radio, ShadowingMap(radio.names, np.zeros(2), 10.0, flat, flat + 4.0))
+    return RadioModelUpdate(t=time.time(), area="hall", version=version, model=pack_radio_model(model))
+
+
+def test_a_learned_radio_model_goes_live_and_survives_a_kill_without_learning(
+    zenoh_router: str, start: Start, tmp_path: Path
+) -> None:
+    state = tmp_path / "fusion-hall.json"
+    flags = ("--area", "hall", "--state-folder", str(tmp_path), "--state-every", "0.2")
+    with Bus([zenoh_router]) as bus:
+        stage = Stage(bus)
+        with Bus([zenoh_router]) as learning:
+            models = learning.publisher(KEYS.radio_model("hall"), RadioModelUpdate, cached=True)
+            models.publish(learned(7))
+            process, port = start(zenoh_router, *flags)  # what was told before it began is fetched
+
+            def uses(version: int) -> bool:
+                stage.play(1)
+                return metric(port, "atrium_fusion_radio_version") == version
+
+            wait_until(lambda: uses(7), DEADLINE, "the model told before")
+            before = wait_until(lambda: named(stage), DEADLINE, "a named person")
+            trace = models.publish(learned(8, power=-2.0))
+            wait_until(lambda: uses(8), DEADLINE, "the model told live")
+            after = named(stage)
+            assert after is not None
+            assert (after.track, after.device) == (before.track, ["phone"])
+            marks = [d.message for d in stage.listen() if isinstance(d.message, ChunkMark)]
+            assert sum(trace.id in mark.consumed for mark in marks) == 1
+            wait_until(lambda: saved_chunk(state) >= after.chunk, DEADLINE, "a saved state under the new model")
+            models.publish(learned(6))  # an older one: counted, not used
+            wait_until(
+                lambda: 'older than the one in use"} 1' in get(port, "/metrics")[1] or not uses(8),
+                DEADLINE,
+                "its count",
+            )
+        process.kill()
+        process.wait()
+        (beside,) = tmp_path.glob("*.radio")
+        assert json.loads(state.read_bytes())["radio"].startswith(beside.stem.rpartition(".")[2])
+        assert json.loads(state.read_bytes())["model"] is None
+        _, port = start(zenoh_router, *flags)
+        assert metric(port, "atrium_fusion_radio_version") == 8
+        again = stage.until_tracked(beyond=len(stage.tracks()))
+        assert (again.track, again.device) == (before.track, ["phone"])
+        ((_, answered),) = bus.ask(KEYS.fusion_state("hall"))
+        assert json.loads(answered)["model"]["version"] == 8  # whole: a recorder's copy needs no other file
+
+
+def test_a_model_of_another_museum_is_refused_in_plain_words(zenoh_router: str, start: Start) -> None:
+    _, port = start(zenoh_router, "--area", "hall")
+    with Bus([zenoh_router]) as bus:
+        stage = Stage(bus)
+        bus.publisher(KEYS.radio_model("hall"), RadioModelUpdate, cached=True).publish(learned(3, site="another"))
+
+        def told() -> bool:
+            stage.play(1)
+            return "a learned radio model is of another site" in get(port, "/readyz")[1]
+
+        wait_until(told, DEADLINE, "the words")
+        assert metric(port, "atrium_fusion_radio_version") == 0
 
 
 def test_revisions_are_published(zenoh_router: str, site_file: Path) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import unused_port
 from fusion_world import SITE, frame
@@ -20,7 +21,8 @@ from services.cli.recording import Recording
 from services.cli.replay import verify
 from shared.bus import Bus
 from shared.keys import Keys
-from shared.messages import DetectionFrame, RadioScan, TrackFrame
+from shared.messages import DetectionFrame, RadioModelUpdate, RadioScan, TrackFrame
+from shared.radio import PathLoss, RadioModel, ShadowingMap, pack_radio_model
 from shared.site import load_site
 
 KEYS = Keys("test-hall")
@@ -121,6 +123,41 @@ def test_recordings_begun_in_mid_run_replay_exactly(
             (verdict,) = verify(opened, load_site(site_file))
             assert verdict.identical, str(verdict)
             assert verdict.frames >= 20
+
+
+def learned(version: int) -> RadioModelUpdate:
+    corners = [(0.3, 0.3), (12.0, 0.3), (23.7, 0.3), (23.7, 13.7), (12.0, 13.7), (0.3, 13.7)]
+    names = tuple(f"ap-{number}" for number in range(1, 7))
+    positions = np.array([(x, y, 2.8) for x, y in corners])
+    radio = PathLoss(names, positions, np.full(6, -42.0 + version), np.full(6, 2.3))
+    flat = np.zeros((6, 2, 2))
+    model = RadioModel("test-hall", radio, ShadowingMap(names, np.zeros(2), 10.0, flat, flat + 4.0))
+    return RadioModelUpdate(t=0.0, area="hall", version=version, model=pack_radio_model(model))
+
+
+def test_a_radio_model_that_goes_live_in_mid_recording_is_replayed(
+    zenoh_router: str, bus: Bus, sensors: Sensors, site_file: Path, tmp_path: Path
+) -> None:
+    models = bus.publisher(KEYS.radio_model("hall"), RadioModelUpdate, cached=True)
+    models.publish(learned(1))
+    with fusion(zenoh_router, site_file):
+        wait_for_tracks(bus)
+        out = tmp_path / "swap.mcap"
+        with Bus([zenoh_router]) as own, recording(own, site_file, out) as counts:
+            # The state under the first model is stored by now, and what it knows of it.
+            wait_until(lambda: counts.get("TrackFrame", 0) >= 25, 30, "frames under the first model")
+            trace = models.publish(learned(2))
+            before = counts["TrackFrame"]
+            wait_until(lambda: counts["TrackFrame"] >= before + 15, 30, "frames under the second")
+    opened = Recording(out)
+    state = opened.state("hall")
+    assert state is not None
+    assert json.loads(state)["model"]["version"] == 1
+    marks = [one.mark for one in opened.consumed("hall")]
+    assert sum(trace.id in mark.consumed for mark in marks) == 1
+    (verdict,) = verify(opened, load_site(site_file))
+    assert verdict.identical, str(verdict)
+    assert verdict.frames >= 20
 
 
 def test_a_restart_of_fusion_is_told_not_passed_over(
