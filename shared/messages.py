@@ -112,6 +112,8 @@ class CameraStatus(Message, frozen=True, kw_only=True):
     frames_per_s: float = 0.0
     origin: float | None = None
     """The measurement time of the source's first frame in this pass (a looping file has one per loop)."""
+    settings_version: int = 0
+    """Of the learned DetectorSettings in use; 0: as configured."""
 
 
 class RadioScan(Message, frozen=True, kw_only=True):

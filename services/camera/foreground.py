@@ -9,6 +9,7 @@ included.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, ClassVar, Literal, cast
 
 import cv2
@@ -33,6 +34,11 @@ BACKGROUND_RATIO = 0.6
 becomes part of it (ln(1 / 0.6) / 0.01); OpenCV's 0.9 would forget people after 10 s."""
 FLOOD = 0.6
 """A larger share of foreground than this is no crowd: the camera moved or the light jumped."""
+
+LEARNING = 5.0
+"""Seconds for which a new background still holds whoever stood there at first."""
+GROWN_UP = 10_000_000
+"""Pictures a background that did not begin cold counts as having seen."""
 
 
 class ForegroundOptions(BaseModel):
@@ -80,7 +86,7 @@ class ForegroundDetector:
     @property
     def state(self) -> Literal["learning", "ready"]:
         """``learning`` during the first five seconds, while the background still holds whoever stood there at first."""
-        return "ready" if self._seen > 1 and self._last - self._first >= 5.0 else "learning"
+        return "ready" if self._seen > 1 and self._last - self._first >= LEARNING else "learning"
 
     def reset(self) -> None:
         """Forget the background."""
@@ -93,10 +99,27 @@ class ForegroundDetector:
         self._first = self._last = 0.0
         self.mask = np.zeros(self._mask_size[::-1], np.uint8)
 
+    def prime(self, empty: Image) -> None:
+        """Begin anew with ``empty``, a picture of the scene without people, as the background."""
+        self.reset()
+        empty = self._shrunk(empty)
+        self._model.apply(empty, learningRate=1.0)
+        self._light = _sampled(empty)
+        self._seen = GROWN_UP
+
+    def adopt(self, options: ForegroundOptions) -> bool:
+        """Go on with other ``options`` and the background as learned; False, and nothing is changed, if it cannot."""
+        if any(getattr(options, name) != getattr(self._options, name) for name in _BUILT_FOR):
+            return False
+        self._options = options
+        self._model.setVarThreshold(options.sensitivity)
+        self._model.setShadowThreshold(options.shadow_ratio)
+        self._templates = replace(self._templates, density=options.density)
+        return True
+
     def detect(self, image: Image, t: float) -> Detections:
         """Return the people in ``image``, taken at ``t``; see the protocol."""
-        if (image.shape[1], image.shape[0]) != self._size:
-            image = cast(Image, cv2.resize(image, self._size, interpolation=cv2.INTER_AREA))
+        image = self._shrunk(image)
         rate = self._rate(t)
         marked = self._model.apply(self._corrected(image, rate), learningRate=rate)
         self.mask = self._cleaned(cast(NDArray[np.uint8], marked))
@@ -106,10 +129,16 @@ class ForegroundDetector:
             return Detections.none()
         return self._in_picture(self._templates.split(self.mask.copy(), self._options.least_gain))
 
+    def _shrunk(self, image: Image) -> Image:
+        if (image.shape[1], image.shape[0]) == self._size:
+            return image
+        return cast(Image, cv2.resize(image, self._size, interpolation=cv2.INTER_AREA))
+
     def _rate(self, t: float) -> float:
         """Share of the background this picture renews: a plain mean at first, then the rate per second."""
-        if self._seen == 0:
-            self._first = self._last = t
+        if self._seen in (0, GROWN_UP):
+            self._last = t
+            self._first = t if self._seen == 0 else t - LEARNING
         self._first += min(t - self._last, 0.0)  # a clock that was set back does not make the background younger
         elapsed = max(t - self._last, 0.0)
         self._last = t
@@ -118,7 +147,7 @@ class ForegroundDetector:
 
     def _corrected(self, image: Image, rate: float) -> Image:
         """Divide out the median change of light per channel since the background was learned."""
-        sample = image[GAIN_STEP // 2 :: GAIN_STEP, GAIN_STEP // 2 :: GAIN_STEP].astype(np.float32)
+        sample = _sampled(image)
         if self._light is None:
             self._light = sample
             return image
@@ -149,6 +178,11 @@ class ForegroundDetector:
         )
 
 
+def _sampled(image: Image) -> NDArray[np.float32]:
+    return image[GAIN_STEP // 2 :: GAIN_STEP, GAIN_STEP // 2 :: GAIN_STEP].astype(np.float32)
+
+
+_BUILT_FOR = ("person_height", "person_width", "picture_width", "mask_width")
 _CLOSING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 5))
 
 

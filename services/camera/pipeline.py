@@ -32,7 +32,8 @@ class Pipeline:
     def __init__(self, camera: Camera, detector: str = "foreground", options: Mapping[str, Any] | None = None) -> None:
         self._camera = camera
         self._geometry: CameraGeometry = camera.geometry.build()
-        self._kind, self._options = check_detector(detector, options or {})
+        self._name, self._configured = detector, dict(options or {})
+        self._kind, self._options = check_detector(detector, self._configured)
         self._size: tuple[int, int] | None = None
         self._detector: Detector | None = None
         self._projection: Projection | None = None
@@ -57,12 +58,43 @@ class Pipeline:
 
     def process(self, image: Image, t: float) -> GroundDetections:
         """Return who stands where in ``image`` (height, width, 3), taken at ``t`` s; sizes may change on the way."""
+        detector, projection = self._build(image)
+        return projection.to_floor(detector.detect(image, t))
+
+    def _build(self, image: Image) -> tuple[Detector, Projection]:
+        """Return what works on pictures of this size."""
         size = (image.shape[1], image.shape[0])
         if self._detector is None or self._projection is None or size != self._size:
             self._size = size
             self._projection = Projection(self._geometry, size, self._camera.area_of_interest)
             self._detector = self._kind(self._projection.geometry, self._options)
-        return self._projection.to_floor(self._detector.detect(image, t))
+        return self._detector, self._projection
+
+    def adopt(self, options: Mapping[str, Any]) -> None:
+        """Go on with other options; those not named keep their configured value.
+
+        The background is kept where the detector knows how to; else it begins anew.
+
+        Raises:
+            DetectorError: an option is unknown or out of range; nothing has changed.
+        """
+        _, wanted = check_detector(self._name, {**self._configured, **options})
+        if wanted == self._options:
+            return
+        self._options = wanted
+        adopt = getattr(self._detector, "adopt", None)
+        if self._detector is not None and not (adopt is not None and adopt(wanted)):
+            self._detector = None
+
+    def prime(self, empty: Image) -> None:
+        """Begin with a picture of the scene without people, of the size of the pictures to come.
+
+        A detector that cannot use it begins cold.
+        """
+        self._build(empty)
+        prime = getattr(self._detector, "prime", None)
+        if prime is not None:
+            prime(empty)
 
     def reset(self) -> None:
         """Forget what was seen: the next picture does not follow the last one."""

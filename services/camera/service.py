@@ -7,16 +7,18 @@ from typing import ClassVar
 
 import cv2
 import structlog
-from prometheus_client import Counter, Histogram
+from prometheus_client import Counter, Gauge, Histogram
 
 from services.camera.detector import DetectorError, check_detector
+from services.camera.frame_ring import FrameRing
 from services.camera.frames import Frame, Source, SourceError
 from services.camera.pipeline import Pipeline, to_message
+from services.camera.redetect_desk import RedetectDesk
 from services.camera.settings import CameraSettings
 from services.camera.sources import open_source
 from services.camera.status import StatusBoard
 from shared.bus import Bus
-from shared.messages import CameraStatus, DetectionFrame
+from shared.messages import CameraStatus, DetectionFrame, DetectorSettings
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
@@ -37,6 +39,10 @@ DETECT_SECONDS = Histogram(
     ["camera"],
     buckets=(0.002, 0.005, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1, 0.2, 0.5),
 )
+SETTINGS_VERSION = Gauge(
+    "atrium_camera_settings_version", "Learned detector settings in use; 0: configured", ["camera"]
+)
+RING_BYTES = Gauge("atrium_camera_ring_bytes", "Memory of the last minutes' small pictures", ["camera"])
 
 log = structlog.get_logger(__name__)
 
@@ -56,6 +62,17 @@ class CameraService(Service[CameraSettings]):
         self._detections = bus.publisher(self.keys.detections(self._camera.id), DetectionFrame, newest=True)
         publisher = bus.publisher(self.keys.camera_status(self._camera.id), CameraStatus, cached=True)
         self._status = StatusBoard(publisher, self._camera.id)
+        self._models = bus.inbox()
+        self._ring = FrameRing(settings.ring_megabytes, settings.ring_minutes, settings.ring_rate)
+        self._desk = RedetectDesk(
+            self._camera,
+            self._floor,
+            settings.detector,
+            settings.detector_options,
+            self._ring,
+            lambda: None,
+            settings.redetect_patience,
+        )
         self._seq = 0
         self._overtaken = 0
         self._delay = FIRST_DELAY
@@ -83,6 +100,9 @@ class CameraService(Service[CameraSettings]):
         """Process frames; reopen a source that failed, later and later; stay when it has ended."""
         cv2.setNumThreads(self.settings.opencv_threads)
         self._status.refresh()
+        self._models.subscribe(self.keys.detector_settings(self._camera.id), DetectorSettings, cached=True)
+        self.bus.answer_questions(self.keys.redetect(self._camera.id), self._desk.take)
+        RING_BYTES.labels(self._camera.id).set_function(lambda: self._ring.held_bytes)
         self.health.ready.set()
         self._wait_for_listeners()
         while not self.stopping.is_set():
@@ -100,6 +120,12 @@ class CameraService(Service[CameraSettings]):
                 log.info("the source has ended", source=str(self._camera.source), frames=self._seq)
                 self._rest("ended")
 
+    def stop(self) -> None:
+        """Stop, with whatever is being tried; the pictures are gone at once."""
+        super().stop()
+        self._desk.close()
+        self._ring.clear()
+
     def _wait_for_listeners(self) -> None:
         """Frames sent before the bus is reached are lost: a recording would miss its beginning."""
         while not self.bus.connected and not self.stopping.wait(0.05):
@@ -111,11 +137,15 @@ class CameraService(Service[CameraSettings]):
 
     def _take(self, frame: Frame) -> None:
         camera = self._camera.id
+        for delivery in self._models.receive(0.0):
+            if isinstance(delivery.message, DetectorSettings):
+                self._adopt(delivery.message)
         if frame.seq == 0:
             self._status.begin_pass(frame.pass_origin)
             if not self._source.live:
                 # The first picture does not follow the last one: who stands there now did not walk in.
                 self._pipeline.reset()
+                self._ring.clear()
         with DETECT_SECONDS.labels(camera).time():
             found = self._pipeline.process(frame.image, frame.t)
         message = to_message(camera, self._floor, self._seq, frame.t, found)
@@ -127,6 +157,19 @@ class CameraService(Service[CameraSettings]):
         self._overtaken = self._source.overtaken
         self._status.count(self._overtaken)
         self._report()
+        self._ring.offer(frame.image, frame.t)
+
+    def _adopt(self, settings: DetectorSettings) -> None:
+        """Let the running detector work with what was learned; what it cannot is told and changes nothing."""
+        try:
+            self._pipeline.adopt(settings.options)
+        except DetectorError as error:
+            self.health.degraded("detector settings", f"version {settings.version} is refused: {error}")
+            return
+        self.health.well("detector settings")
+        self._status.adopted(settings.version)
+        SETTINGS_VERSION.labels(self._camera.id).set(settings.version)
+        log.info("detector settings", version=settings.version, options=settings.options, reason=settings.reason)
 
     def _report(self) -> None:
         self.health.well("source")

@@ -26,3 +26,13 @@ class CameraSettings(ServiceSettings):
         False, description="open the source only once somebody subscribes to the detections (for exact experiments)"
     )
     opencv_threads: int = Field(1, ge=0, le=64, description="threads for picture processing; 0: all cores")
+    ring_megabytes: float = Field(
+        96.0,
+        ge=0,
+        le=128,
+        description="memory for the last minutes' small pictures, on which learning tries detector options; they are "
+        "never written to disk; 0: none are kept",
+    )
+    ring_minutes: float = Field(5.0, gt=0, le=60, description="how far back those pictures reach")
+    ring_rate: float = Field(4.0, gt=0, le=30, description="how many of them are kept per second")
+    redetect_patience: float = Field(300.0, gt=0, description="seconds a trial of other options may take")

@@ -32,12 +32,18 @@ class StatusBoard:
         self._dropped = 0
         self._recent: deque[float] = deque()
         self._published = -REFRESH
+        self._version = 0
 
     def change(self, state: State, reason: str = "") -> None:
         """Publish a new state, or a new reason for it, if it is one."""
         if (state, reason) != (self._state, self._reason):
             self._state, self._reason = state, reason
             self._publish()
+
+    def adopted(self, version: int) -> None:
+        """Publish which learned settings the detector works with."""
+        self._version = version
+        self._publish()
 
     def begin_pass(self, origin: float) -> None:
         """Publish the measurement time of the first frame of a pass, before its frames."""
@@ -73,5 +79,6 @@ class StatusBoard:
                 dropped=self._dropped,
                 frames_per_s=round((len(self._recent) - 1) / span, 2) if span > 0.0 else 0.0,
                 origin=self._origin,
+                settings_version=self._version,
             )
         )

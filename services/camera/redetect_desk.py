@@ -1,0 +1,140 @@
+"""Takes questions about detector options from the bus: answers wrong ones at once, tries one at a time elsewhere."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, BinaryIO, cast
+
+import cv2
+import msgspec
+import structlog
+
+from services.camera.detector import Image
+from services.camera.frame_ring import FrameRing, KeptFrame, unpack
+from services.camera.redetect_worker import send
+from services.camera.redetection import Job, RedetectError, read_question, reported
+from shared.bus import Question
+from shared.site import Camera
+
+__all__ = ["RedetectDesk"]
+
+log = structlog.get_logger(__name__)
+
+
+class RedetectDesk:
+    """Answers one camera's questions.
+
+    Args:
+        camera: as the site file says; ``floor``: its id.
+        floor: see above.
+        detector: name of the detector.
+        configured: its options as configured.
+        ring: the last minutes' pictures.
+        empty: returns the scene without people, or None while it is not known.
+        patience: seconds a trial may take.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        floor: str,
+        detector: str,
+        configured: Mapping[str, Any],
+        ring: FrameRing,
+        empty: Callable[[], Image | None],
+        patience: float,
+    ) -> None:
+        self._camera, self._floor = camera, floor
+        self._detector, self._configured = detector, configured
+        self._ring = ring
+        self._empty = empty
+        self._patience = patience
+        self._free = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._closed = False
+
+    def take(self, question: Question) -> None:
+        """Answer a question, soon or when its trial is over; returns at once."""
+        try:
+            options, since, until = read_question(question.payload, self._detector, self._configured)
+        except RedetectError as error:
+            question.answer(_refusal(str(error)))
+            return
+        if self._closed or not self._free.acquire(blocking=False):
+            question.answer(_refusal("busy: other options are being tried; ask again later"))
+            return
+        threading.Thread(target=self._try, args=(question, options, since, until), name="redetect", daemon=True).start()
+
+    def close(self) -> None:
+        """End what is being tried: the service stops."""
+        self._closed = True
+        if self._process is not None and self._process.poll() is None:
+            self._process.kill()
+
+    def _try(self, question: Question, options: Mapping[str, Any], since: float | None, until: float | None) -> None:
+        try:
+            kept = self._ring.ask()
+            try:
+                begin, end = reported(kept, since, until)
+            except RedetectError as error:
+                question.answer(_refusal(str(error)))
+                return
+            job = Job(
+                self._camera,
+                self._floor,
+                self._detector,
+                options,
+                self._ring.size,
+                _resized(self._empty(), kept[-1]),
+                begin,
+                end,
+            )
+            question.answer(self._run(job, kept))
+            self._ring.ask()  # the next question's patience begins now
+        finally:
+            self._free.release()
+
+    def _run(self, job: Job, kept: Sequence[KeptFrame]) -> bytes:
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        with subprocess.Popen(
+            [sys.executable, "-m", "services.camera.redetect_worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=environment,
+        ) as self._process:
+            late = threading.Timer(self._patience, self._process.kill)
+            late.start()
+            try:
+                if self._closed:
+                    self._process.kill()
+                with contextlib.suppress(BrokenPipeError):  # its status says why
+                    send(cast(BinaryIO, self._process.stdin), job, kept)
+                told, said = self._process.communicate()
+            finally:
+                expired = late.finished.is_set()
+                late.cancel()
+        if self._process.returncode != 0:
+            if expired:
+                return _refusal(f"the trial took more than {self._patience:g} s; keep fewer pictures (ring_minutes)")
+            log.warning("a trial failed", status=self._process.returncode, reason=said.decode(errors="replace")[-500:])
+            return _refusal("the trial failed; the camera's log says why")
+        return told
+
+
+def _resized(empty: Image | None, like: KeptFrame) -> Image | None:
+    if empty is None:
+        return None
+    height, width = unpack(like).shape[:2]
+    if empty.shape[:2] == (height, width):
+        return empty
+    return cast(Image, cv2.resize(empty, (width, height), interpolation=cv2.INTER_AREA))
+
+
+def _refusal(words: str) -> bytes:
+    return msgspec.json.encode({"error": words})
