@@ -1,0 +1,1 @@
+"""What tracks teach cameras: how their detectors should be set."""

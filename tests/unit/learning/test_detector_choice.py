@@ -1,0 +1,104 @@
+"""Choosing detector options by score: the top of a noisy curve, and no change for less than noise."""
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pytest
+
+from services.learning.cameras.detector_choice import RATES, SWEEPS, DetectorChoice, choose_detector
+from shared.messages import DetectorSettings
+
+ACTIVE = {"learning_rate": 0.01, "sensitivity": 16.0}
+RATE_ONLY = SWEEPS[:1]
+
+
+def hill(top: float, noise: float, seed: int, high: float = 100.0) -> Callable[[Mapping[str, float]], float]:
+    """A score that falls on both sides of a learning rate, by half within a decade and a half."""
+    rng = np.random.default_rng(seed)
+
+    def score(options: Mapping[str, float]) -> float:
+        off = math.log10(options["learning_rate"] / top)
+        return high / (1.0 + (off / 1.5) ** 2) + noise * float(rng.standard_normal())
+
+    return score
+
+
+def choose(score: Callable[[Mapping[str, float]], float | None], active: float = 0.01) -> DetectorChoice:
+    return choose_detector({"learning_rate": active}, dict, score, RATE_ONLY)
+
+
+@pytest.mark.parametrize("top", [0.003, 0.03, 0.2])
+def test_the_top_of_the_curve_is_found_with_few_trials(top: float) -> None:
+    asked: list[float] = []
+
+    def redetect(options: Mapping[str, float]) -> Mapping[str, float]:
+        asked.append(options["learning_rate"])
+        return dict(options)
+
+    active = 1.0 if top < 0.1 else 0.003
+    choice = choose_detector({"learning_rate": active}, redetect, hill(top, 1.0, 1), RATE_ONLY)
+    assert 0.5 < choice.options["learning_rate"] / top < 2.0
+    assert choice.gain > choice.margin > 0.0
+    assert len(asked) == len(set(asked)) <= 14
+    assert min(asked) <= RATES[0]
+
+
+def test_noise_alone_rarely_changes_anything() -> None:
+    changed = [bool(choose(hill(0.01, 5.0, seed)).options) for seed in range(60)]
+    assert sum(changed) <= 3
+    flat = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        flat.append(bool(choose(lambda _, rng=rng: 50.0 + 5.0 * rng.standard_normal()).options))  # type: ignore[misc]
+    assert sum(flat) <= 6
+
+
+def test_a_clear_gain_is_taken_in_spite_of_noise() -> None:
+    taken = [choose(hill(0.1, 3.0, seed), active=0.003).options.get("learning_rate", 0.0) for seed in range(40)]
+    assert sum(0.03 < rate < 0.3 for rate in taken) >= 32
+
+
+def test_a_second_option_is_swept_about_the_winner() -> None:
+    asked: list[Mapping[str, float]] = []
+
+    def score(options: Mapping[str, float]) -> float:
+        asked.append(options)
+        rate, sensitivity = (
+            math.log(options[name] / best) for name, best in (("learning_rate", 0.1), ("sensitivity", 24.0))
+        )
+        return 100.0 - 4.0 * rate**2 - 60.0 * sensitivity**2
+
+    choice = choose_detector(ACTIVE, dict, score)
+    assert choice.options["learning_rate"] == pytest.approx(0.1, rel=0.2)
+    assert choice.options["sensitivity"] == pytest.approx(24.0, rel=0.2)
+    other = [options for options in asked if options["sensitivity"] != 16.0]
+    assert {options["learning_rate"] for options in other} == {choice.options["learning_rate"]}
+
+
+def test_what_cannot_be_tried_is_left_out_and_nothing_is_said_without_the_active_ones() -> None:
+    choice = choose_detector(
+        ACTIVE,
+        lambda options: None if options["sensitivity"] != 16.0 or options["learning_rate"] > 0.5 else dict(options),
+        lambda options: hill(0.1, 0.0, 1)(options),
+    )
+    assert set(choice.options) == {"learning_rate"}
+    assert choose_detector(ACTIVE, lambda _: None, lambda _: 1.0).refused
+    assert choose_detector(ACTIVE, dict, lambda _: math.nan).refused
+    assert choose_detector(ACTIVE, dict, lambda _: None).proposal("door", "hall", 1.0, {}) is None
+    with pytest.raises(ValueError, match="sensitivity"):
+        choose_detector({"learning_rate": 0.1}, dict, lambda _: 1.0)
+
+
+def test_the_proposal_carries_the_whole_curve_and_keeps_what_was_not_swept() -> None:
+    choice = choose(hill(0.1, 0.5, 3), active=0.003)
+    proposal = choice.proposal("door", "hall", 1000.0, {"least_gain": 0.2, "learning_rate": 0.003})
+    assert proposal is not None
+    assert isinstance(proposal.model, DetectorSettings)
+    assert proposal.model.options == {"least_gain": 0.2, **choice.options}
+    assert (proposal.kind, proposal.subject, proposal.area) == ("detector", "door", "hall")
+    assert len(proposal.evidence) == len(choice.curves[0].value) >= len(RATES)
+    assert proposal.gain is not None
+    assert proposal.margin is not None
+    assert proposal.gain > proposal.margin
+    assert "0.003 →" in proposal.reason
