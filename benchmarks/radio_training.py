@@ -20,7 +20,7 @@ from benchmarks.world_record import WorldRecord
 from services.fusion.area_view import AreaView
 from services.fusion.registry import DEFAULT_TRACKER
 from shared.messages import RadioScan
-from shared.radio import RadioLearner, RadioModel, RadioPrior, device_offsets, novelty, shared_out, visit_variance
+from shared.radio import RadioLearner, RadioModel, RadioPrior, fit_radio, gather_visits, novelty
 
 __all__ = ["PRIOR", "learn_from_run", "train_radio", "warmed_up"]
 
@@ -32,8 +32,6 @@ LAG = 5.0
 """Seconds for which a name may still be revised before it teaches."""
 SURE = 0.5
 """Probability from which a name teaches, and by as much as it is: on a site as found few are surer, and rightly so."""
-SPOT = 1.0
-"""Metres; a phone's readings along one track in a square of that side are one visit."""
 FEWEST = 4
 """Scans along one track; fewer teach nothing, because too often the name was a guess."""
 
@@ -65,38 +63,21 @@ def learn_from_run(
         site: the site's id.
         prior: what is believed beforehand.
     """
-    learner = RadioLearner.over(view.radio, view.lower, view.upper, prior=prior)
     column = {name: number for number, name in enumerate(view.radio.names)}
     table: list[Array] = []
     for number, device in enumerate(sorted(scans)):
         table += _readings(run, device, scans[device], column, number)
-    if not table:
-        return learner.solve(site)
-    rows = np.array(table)
-    who, point = rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64)
-    places, spread, share = rows[:, 3:5], rows[:, 5], rows[:, 6]
-    residual = rows[:, 2] - view.radio.rssi(places)[np.arange(len(rows)), point]
-    spots = np.column_stack([point, np.floor(places / SPOT)])
-    spot = _numbered(spots)
-    visit = _numbered(np.column_stack([spots, who, rows[:, 7]]))
-    noise = prior.noise(spread)
-    alone = worth = share / noise
-    for _ in range(2):  # what a visit is worth takes the phones' offsets, and these what it is worth
-        offsets = device_offsets(view.radio, prior, who, places, point, residual, 1.0 / worth)
-        worth = shared_out(visit, alone, visit_variance(spot, visit, residual - offsets[who], alone))
-    learner.learn(places, spread, point, residual - offsets[who], worth * noise)
-    return learner.solve(site)
-
-
-def _numbered(keys: Array) -> NDArray[np.int64]:
-    """Return the number of each of (n, k) keys among all that differ, (n,)."""
-    return np.unique(keys, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+    rows = np.array(table).reshape(-1, 9)
+    who, point, track = (rows[:, place].astype(np.int64) for place in (0, 1, 8))
+    weight = rows[:, 7] / prior.noise(rows[:, 6])
+    visits = gather_visits(rows[:, 3], who, track, point, rows[:, 4:6], rows[:, 2], weight)
+    return fit_radio(view.radio, view.lower, view.upper, visits, prior=prior, site=site).model
 
 
 def _readings(
     run: FusionRun, device: str, scans: Sequence[RadioScan], column: Mapping[str, int], number: int
 ) -> list[Array]:
-    """Return rows (device, access point, level, x, y, spread, share, track) of a device's readings on sure tracks."""
+    """Return rows (device, access point, level, t, x, y, spread, share, track) of a device's readings on sure tracks."""
     if not scans:
         return []
     t = np.array([scan.t for scan in scans])
@@ -112,6 +93,6 @@ def _readings(
         scan = scans[row]
         for name, level in zip(scan.access_point, scan.rssi, strict=True):
             if name in column:
-                told = (*places[index], sigma[index], share[index], track[row])
+                told = (scan.t, *places[index], sigma[index], share[index], track[row])
                 rows.append(np.array([number, column[name], level, *told]))
     return rows

@@ -2,6 +2,7 @@
 
 from shared.radio.likelihood import RadioNoise, log_likelihood
 from shared.radio.path_loss import PathLoss
+from shared.radio.radio_fit import RadioFit, Visits, fit_radio, gather_visits
 from shared.radio.radio_learning import RadioLearner, RadioPrior, device_offsets, novelty
 from shared.radio.radio_model import (
     RadioModel,
@@ -16,13 +17,17 @@ from shared.radio.visits import shared_out, visit_variance
 
 __all__ = [
     "PathLoss",
+    "RadioFit",
     "RadioLearner",
     "RadioModel",
     "RadioModelError",
     "RadioNoise",
     "RadioPrior",
     "ShadowingMap",
+    "Visits",
     "device_offsets",
+    "fit_radio",
+    "gather_visits",
     "log_likelihood",
     "novelty",
     "pack_radio_model",

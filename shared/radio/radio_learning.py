@@ -136,11 +136,14 @@ class RadioLearner:
         fine = np.isfinite(np.column_stack([places, spread, residual, share])).all(axis=1)
         places, spread, point = places[fine], spread[fine], point[fine]
         residual, share = residual[fine], share[fine]
+        self.add(places, point, residual, share / self.prior.noise(spread))
+
+    def add(self, places: Array, point: Index, residual: Array, weight: Array) -> None:
+        """Take in n readings, or means of readings, as ``learn`` does; ``weight``: (n,) inverse variance, dB⁻²."""
         rows, columns = self.shape
         spot = np.rint((places - self.origin) / self.cell).astype(np.int64)
         x, y = np.clip(spot[:, 0], 0, columns - 1), np.clip(spot[:, 1], 0, rows - 1)
         where = (point, y * columns + x)
-        weight = share / self.prior.noise(spread)
         np.add.at(self.weight, where, weight)
         np.add.at(self.level, where, weight * residual)
         np.add.at(self.place, where, weight[:, None] * places)
