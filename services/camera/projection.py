@@ -7,7 +7,7 @@ ellipse which stretches along the line of sight and grows with distance.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from services.camera.detector import Detections
 from shared.site import CameraGeometry
 
-__all__ = ["GroundDetections", "Projection"]
+__all__ = ["GroundDetections", "Projection", "aligned"]
 
 FOOT_SIGMA = 0.05
 """Standard deviation of a foot pixel across and down the picture, share of the person's apparent height."""
@@ -88,3 +88,19 @@ class Projection:
         spread = self.geometry.ground_jacobian(feet) * (FOOT_SIGMA * heights)[:, None, None]
         covariances: Floats = spread @ spread.transpose(0, 2, 1) + FLOOR_SIGMA**2 * np.eye(2)
         return covariances
+
+
+def aligned(found: GroundDetections, homography: Floats) -> GroundDetections:
+    """Return detections after a learned correction (3, 3) of the plan (``CameraAlignment``).
+
+    Covariances go through its Jacobian. Who would come to stand beyond the horizon of the correction is dropped.
+    """
+    scale = found.positions @ homography[2, :2] + homography[2, 2]
+    there = scale > 0.0
+    if not there.all():
+        found = GroundDetections(*(getattr(found, name)[there] for name in GroundDetections.__dataclass_fields__))
+        scale = scale[there]
+    positions = (found.positions @ homography[:2, :2].T + homography[:2, 2]) / scale[:, None]
+    jacobian = (homography[:2, :2] - positions[:, :, None] * homography[2, :2]) / scale[:, None, None]
+    covariances = jacobian @ found.covariances @ jacobian.transpose(0, 2, 1)
+    return replace(found, positions=positions, covariances=covariances)

@@ -6,19 +6,22 @@ import time
 from typing import ClassVar
 
 import cv2
+import numpy as np
 import structlog
+from numpy.typing import NDArray
 from prometheus_client import Counter, Gauge, Histogram
 
 from services.camera.detector import DetectorError, check_detector
 from services.camera.frame_ring import FrameRing
 from services.camera.frames import Frame, Source, SourceError
 from services.camera.pipeline import Pipeline, to_message
+from services.camera.projection import aligned
 from services.camera.redetect_desk import RedetectDesk
 from services.camera.settings import CameraSettings
 from services.camera.sources import open_source
 from services.camera.status import StatusBoard
 from shared.bus import Bus
-from shared.messages import CameraStatus, DetectionFrame, DetectorSettings
+from shared.messages import CameraAlignment, CameraStatus, DetectionFrame, DetectorSettings
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
@@ -73,6 +76,9 @@ class CameraService(Service[CameraSettings]):
             lambda: None,
             settings.redetect_patience,
         )
+        self._alignment, self._alignment_version = np.eye(3), 0
+        self._alignments = bus.inbox(100)
+        self._alignments.subscribe(self.keys.alignment(self._camera.id), CameraAlignment, cached=True)
         self._seq = 0
         self._overtaken = 0
         self._delay = FIRST_DELAY
@@ -147,7 +153,7 @@ class CameraService(Service[CameraSettings]):
                 self._pipeline.reset()
                 self._ring.clear()
         with DETECT_SECONDS.labels(camera).time():
-            found = self._pipeline.process(frame.image, frame.t)
+            found = aligned(self._pipeline.process(frame.image, frame.t), self._learned_alignment())
         message = to_message(camera, self._floor, self._seq, frame.t, found)
         self._detections.publish(message, origin=frame.arrived)
         self._seq += 1
@@ -170,6 +176,20 @@ class CameraService(Service[CameraSettings]):
         self._status.adopted(settings.version)
         SETTINGS_VERSION.labels(self._camera.id).set(settings.version)
         log.info("detector settings", version=settings.version, options=settings.options, reason=settings.reason)
+
+    def _learned_alignment(self) -> NDArray[np.float64]:
+        """Return the correction of the calibration that is in use, the newest heard."""
+        for delivery in self._alignments.receive(0.0):
+            told = delivery.message
+            if not isinstance(told, CameraAlignment) or told.version < self._alignment_version:
+                continue
+            homography = np.array(told.homography).reshape(3, 3)
+            if np.linalg.det(homography) <= 0.0:
+                log.warning("alignment refused: allowed: determinant above 0", homography=told.homography)
+                continue
+            self._alignment, self._alignment_version = homography, told.version
+            log.info("alignment", version=told.version, reason=told.reason)
+        return self._alignment
 
     def _report(self) -> None:
         self.health.well("source")

@@ -29,13 +29,14 @@ DAY_SIGMA = 0.03
 """Of a person's steps on another day, as a share; no data makes the line surer than that."""
 
 
-def fit_line(cadence: Array, length: Array, sigma: float = PAIR_SIGMA) -> StrideLine:
+def fit_line(cadence: Array, length: Array, sigma: float = PAIR_SIGMA, alike: float = ALIKE) -> StrideLine:
     """Return the line of one person, robust and no surer than its data; without data, the prior.
 
     Args:
         cadence: (n,) steps per second; pairs with a NaN are left out.
         length: (n,) m.
         sigma: m, of one pair.
+        alike: pairs in a row that err alike and are worth one.
 
     Raises:
         ValueError: the two are not equally long.
@@ -50,10 +51,11 @@ def fit_line(cadence: Array, length: Array, sigma: float = PAIR_SIGMA) -> Stride
     certain = np.diag([(UNSEEN_SIGMA * usual) ** -2, SLOPE_SIGMA**-2])
     weight = np.ones(len(y))
     for _ in range(20):
-        known = certain + (x.T * weight) @ x / (ALIKE * sigma**2)
-        line = np.linalg.solve(known, certain @ prior + (x.T * weight) @ y / (ALIKE * sigma**2))
+        known = certain + (x.T * weight) @ x / (alike * sigma**2)
+        line = np.linalg.solve(known, certain @ prior + (x.T * weight) @ y / (alike * sigma**2))
         off = np.abs(y - x @ line) / sigma
         weight = np.minimum(1.0, HUBER / np.maximum(off, 1e-9))
     level, slope = (float(value) for value in line)
-    variance = float(np.linalg.inv(known)[0, 0]) / level**2 + DAY_SIGMA**2
+    at = x.mean(axis=0) if len(x) else np.array([1.0, 0.0])  # the cadences it will be used at
+    variance = float(at @ np.linalg.solve(known, at) / (at @ line) ** 2) + DAY_SIGMA**2
     return StrideLine(np.array(slope), np.array(level - slope * USUAL_CADENCE), np.array(variance))

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from services.gateway.phones.batch_check import Limits, check_batch
 from services.gateway.phones.clock import ClockAligner
 from services.gateway.phones.seen_numbers import SeenNumbers
 from services.gateway.protocol import Accepted, Batch, RadioReadings
 from services.gateway.reckoning.dead_reckoning import Carrying, DeadReckoner, InertialSamples, Motion, Walk
-from shared.messages import MotionBatch, RadioScan
+from shared.angles import wrap
+from shared.messages import HeadingModel, MotionBatch, RadioScan
 from shared.walking.stride import StrideLine
 
 __all__ = ["NATIVE", "Intake", "Phone"]
@@ -79,6 +80,8 @@ class Phone:
         self.outbox: deque[RadioScan | MotionBatch] = deque()
         """What is neither on the bus nor stored; a batch is acknowledged only when this is empty."""
         self.walk = Walk(carrying, line)
+        self.turned: HeadingModel | None = None
+        """By how much its headings are turned, where that was learned; may be set at any time."""
         self.failed = False
         """Whether dead reckoning failed on its last batch: the next is advanced apart from those of other phones."""
         self._access_points = access_points
@@ -187,6 +190,8 @@ class Phone:
         offset = self._clock.offset_at(motion.t)
         t = motion.t + offset
         steps = {}
+        if self.turned is not None:
+            motion = _turned_back(motion, self.turned)
         if len(motion.step_t):
             steps = {
                 "step_t": (motion.step_t + offset).tolist(),
@@ -215,3 +220,18 @@ class Phone:
             )
         )
         self._motion_seq += 1
+
+
+def _turned_back(motion: Motion, model: HeadingModel) -> Motion:
+    """Return a motion without the bias that was learned of its phone.
+
+    What remains of it was learned from walks of all sorts: a phone that knows its headings less well now is believed.
+    """
+    more = max(model.variance - motion.heading_bias_variance, 0.0)
+    return replace(
+        motion,
+        heading=wrap(motion.heading - model.bias),
+        heading_variance=motion.heading_variance + more,
+        other_heading=wrap(motion.other_heading - model.bias),
+        heading_bias_variance=motion.heading_bias_variance + more,
+    )

@@ -29,7 +29,7 @@ from services.gateway.protocol import Batch, BatchReply, FieldError
 from services.gateway.reckoning.dead_reckoning import Carrying, DeadReckoner, Motion
 from shared.bus import Bus
 from shared.keys import Keys
-from shared.messages import StrideModel
+from shared.messages import HeadingModel, StrideModel
 from shared.site import Site
 from shared.walking.stride import StrideLine
 
@@ -48,12 +48,13 @@ FORGOTTEN_KEPT = 100_000
 BYTES_OF_A_SAMPLE = 80
 """Of JSON: a stamp and nine numbers of some decimals."""
 MODELS_KEPT = 100_000
-"""Personal stride models remembered."""
+"""Personal stride models remembered, and as many of headings."""
 SILENCE = 60.0
 """Seconds between two warnings that the spool cannot be emptied."""
 
 log = structlog.get_logger(__name__)
 F = TypeVar("F")
+L = TypeVar("L", StrideModel, HeadingModel)
 
 
 def busy(problem: str) -> RequestError:
@@ -116,8 +117,10 @@ class PhoneBook:
         self._entries: dict[str, _Entry] = {}
         self.heard = HeardSite()
         self._models: OrderedDict[str, StrideModel] = OrderedDict()
+        self._turned: OrderedDict[str, HeadingModel] = OrderedDict()
         self._news = bus.inbox()
         self._news.subscribe(self._keys.stride_model(), StrideModel, cached=True)
+        self._news.subscribe(self._keys.heading_model(), HeadingModel, cached=True)
         self._looked = 0.0
         self._silent_until = 0.0
         self._forgotten: OrderedDict[str, None] = OrderedDict()
@@ -264,6 +267,7 @@ class PhoneBook:
             phone = Phone(owner.id, self._access_points, lateness=self._lateness)
             entry = self._entries[owner.id] = _Entry(phone, walker=owner.walker)
             phone.walk.line, phone.walk.thresholds = self._line(entry), _thresholds(entry.walker)
+            phone.turned = self._turned.get(owner.id)
             PHONES.set(len(self._entries))
         elif entry.walker is not owner.walker and entry.walker != owner.walker:
             entry.walker = owner.walker
@@ -273,9 +277,9 @@ class PhoneBook:
         return entry
 
     def _line(self, entry: _Entry) -> StrideLine | None:
-        """Return how long this person's steps are: as learned, else as trial walks told."""
+        """Return how long this person's steps are: learned (and not all zeros), else as trial walks told."""
         model, walker = self._models.get(entry.phone.device), entry.walker
-        if model is not None:
+        if model is not None and (model.slope != 0.0 or model.offset != 0.0):
             return _line(model.slope, model.offset, model.scale_variance)
         if walker is not None and walker.slope is not None:
             return _line(walker.slope, walker.offset or 0.0, walker.scale_variance or 0.0)
@@ -301,18 +305,16 @@ class PhoneBook:
                 self.heard.note(answer.accepted.scans, answer.accepted.readings, unknown, now)
 
     def _learn(self, messages: Iterable[object]) -> None:
-        """Use the newest stride model of each person."""
+        """Use the newest models of each person."""
         for message in messages:
-            if not isinstance(message, StrideModel) or self.has_forgotten(message.device):
+            if not isinstance(message, StrideModel | HeadingModel) or self.has_forgotten(message.device):
                 continue
-            known = self._models.get(message.device)
-            if known is None or message.version >= known.version:
-                self._models[message.device] = message
-                if len(self._models) > MODELS_KEPT:
-                    self._models.popitem(last=False)
-                entry = self._entries.get(message.device)
-                if entry is not None:
-                    entry.phone.walk.line = self._line(entry)
+            fresh = isinstance(message, StrideModel) and _keep(self._models, message)
+            fresh = fresh or (isinstance(message, HeadingModel) and _keep(self._turned, message))
+            entry = self._entries.get(message.device)
+            if fresh and entry is not None:
+                entry.phone.walk.line = self._line(entry)
+                entry.phone.turned = self._turned.get(message.device)
 
     def _rest(self, now: float) -> None:
         for device, entry in list(self._entries.items()):
@@ -327,6 +329,7 @@ class PhoneBook:
     def _drop(self, device: str) -> None:
         self._entries.pop(device, None)
         self._models.pop(device, None)
+        self._turned.pop(device, None)
         self._dispatcher.forget(device)
         PHONES.set(len(self._entries))
 
@@ -377,6 +380,17 @@ def _count(answers: Sequence[BatchReply | Exception]) -> None:
     for counter, tally in ((BATCHES, results), (USED, used), (IGNORED, ignored)):
         for label, count in tally.items():
             counter.labels(label).inc(count)
+
+
+def _keep(models: OrderedDict[str, L], model: L) -> bool:
+    """Keep a model unless a newer one of its device is known; whether it was kept."""
+    known = models.get(model.device)
+    if known is not None and model.version < known.version:
+        return False
+    models[model.device] = model
+    if len(models) > MODELS_KEPT:
+        models.popitem(last=False)
+    return True
 
 
 def _thresholds(walker: Walker | None) -> tuple[float, float] | None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.camera.detector import Detections
-from services.camera.projection import GroundDetections, Projection
+from services.camera.projection import GroundDetections, Projection, aligned
 from shared.site import CameraGeometry
 
 GEOMETRY = CameraGeometry.from_pose((768, 576), (0.0, 0.0, 4.0), (0.0, 10.0, 0.0), math.radians(60))
@@ -70,3 +70,29 @@ def test_nobody_is_no_trouble() -> None:
     found = Projection(GEOMETRY, (768, 576), [(0, 0), (100, 0), (0, 100)]).to_floor(Detections.none())
     assert found.positions.shape == (0, 2)
     assert found.covariances.shape == (0, 2, 2)
+
+
+def test_a_learned_correction_moves_people_and_their_uncertainty_and_the_unit_matrix_takes_it_back() -> None:
+    found = Projection(GEOMETRY, (768, 576)).to_floor(seen(GEOMETRY, [(0.0, 8.0), (1.5, 12.0)]))
+    same = aligned(found, np.eye(3))
+    assert same.positions == pytest.approx(found.positions)
+    assert same.covariances == pytest.approx(found.covariances)
+    turned = np.array([[0.0, -1.0, 2.0], [1.0, 0.0, 3.0], [0.0, 0.0, 1.0]])
+    moved = aligned(found, turned)
+    assert moved.positions == pytest.approx(np.column_stack([2.0 - found.positions[:, 1], 3.0 + found.positions[:, 0]]))
+    assert moved.covariances[:, 0, 0] == pytest.approx(found.covariances[:, 1, 1])
+    bent = np.array([[1.1, 0.05, 0.5], [-0.02, 0.95, -0.3], [0.004, 0.01, 1.0]])
+    for place, spread, row in zip(found.positions, aligned(found, bent).covariances, range(2), strict=True):
+        near = GroundDetections(
+            place + 1e-5 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]),
+            np.tile(np.eye(2), (4, 1, 1)), np.zeros((4, 4)), np.ones(4),
+        )  # fmt: skip
+        at = aligned(near, bent).positions
+        jacobian = np.column_stack([at[0] - at[1], at[2] - at[3]]) / 2e-5
+        assert spread == pytest.approx(jacobian @ found.covariances[row] @ jacobian.T, rel=1e-4)
+
+
+def test_nobody_comes_to_stand_beyond_the_horizon_of_a_correction() -> None:
+    found = Projection(GEOMETRY, (768, 576)).to_floor(seen(GEOMETRY, [(0.0, 8.0), (1.5, 25.0)]))
+    kept = aligned(found, np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -0.05, 1.0]]))
+    assert len(kept.positions) == len(kept.boxes) == len(kept.confidence) == len(kept.covariances) == 1

@@ -1,0 +1,241 @@
+"""By how much are a phone's headings turned? Learned from the way of the tracks it was on [ravel-thesis §8.3].
+
+A phone is held at an angle, its compass is bent, and which angle it is differs from walk to walk by ten degrees. What
+may be taken off its headings is what the walks have in common; what is left from walk to walk is told as variance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from services.learning.proposal import Proposal
+from services.learning.tracks.stretch import Stretch
+from services.learning.walking.held_out import gain_of
+from services.learning.walking.runs import runs_of
+from shared.learning_report import ModelKind
+from shared.messages import HeadingModel, Message
+
+__all__ = ["Bias", "HeadingLessons", "bias_of"]
+
+Array = NDArray[np.float64]
+
+USUAL_SIGMA = math.radians(12.0)
+"""Of what the walks of one phone have in common, from phone to phone."""
+WALK_SIGMA = math.radians(10.0)
+"""Of one walk against the others of its phone, before any are known; so sure as ``WALK_BELIEF`` walks."""
+WALK_BELIEF = 4.0
+FLIPPED = math.radians(75.0)
+"""Beyond it a phone's heading is that of the wrong side of a pocket, or the track somebody else's: no bias."""
+PAUSE = 120.0
+"""Seconds; gateways that start anew count walks anew."""
+LEAST_WALKS = 5
+MOST_WALKS = 60
+MOST_DEVICES = 1000
+LEAST_CHANGE = math.radians(2.0)
+HUBER = 1.5
+T, COSINE, SINE, RUNS, WALK = range(5)
+"""Columns of what is kept of a walk: when it was last seen, sums of unit vectors of its runs, how many, its number."""
+
+
+class Bias(msgspec.Struct, frozen=True):
+    """What walks of a phone have in common.
+
+    Attributes:
+        mean: radians.
+        variance: rad², of another walk about ``mean``; ``error`` rad² of ``mean`` is part of it.
+        error: see above.
+    """
+
+    mean: float
+    variance: float
+    error: float
+
+
+class _Device(msgspec.Struct):
+    rows: list[list[float]]
+    model: HeadingModel | None = None
+
+
+class _State(msgspec.Struct):
+    area: str
+    devices: dict[str, _Device]
+
+
+class HeadingLessons:
+    """Learns by how much an area's phones are turned.
+
+    Args:
+        area: whose tracks teach.
+    """
+
+    kind: ClassVar[ModelKind] = "heading"
+
+    def __init__(self, area: str) -> None:
+        self._area = area
+        self._rows: dict[str, Array] = {}
+        self._models: dict[str, HeadingModel] = {}
+        self._tried: dict[str, float] = {}
+
+    def learn(self, stretch: Stretch) -> None:
+        """Take in how its runs of steps were turned against the track."""
+        runs = runs_of(stretch)
+        known = np.isfinite(runs.turned) & (np.abs(runs.turned) < FLIPPED)
+        if not known.any():
+            return
+        model = self._models.get(stretch.device)
+        taken_off = 0.0 if model is None else model.bias
+        rows = self._rows.pop(stretch.device, np.empty((0, 5))).copy()
+        for t, turned, walk in zip(runs.t[known], runs.turned[known] + taken_off, runs.walk[known], strict=True):
+            new = np.array([t, math.cos(turned), math.sin(turned), 1.0, float(walk)])
+            if len(rows) and rows[-1, WALK] == walk and t - rows[-1, T] < PAUSE:
+                new[[COSINE, SINE, RUNS]] += rows[-1, [COSINE, SINE, RUNS]]
+                rows[-1] = new
+            else:
+                rows = np.vstack([rows, new])
+        self._rows[stretch.device] = rows[-MOST_WALKS:]
+        if len(self._rows) > MOST_DEVICES:
+            self.forget(next(iter(self._rows)))
+
+    def forget(self, device: str) -> None:
+        """Forget a device."""
+        for kept in (self._rows, self._models, self._tried):
+            kept.pop(device, None)
+
+    def propose(self, now: float, until: float) -> Sequence[Proposal]:
+        """Return the biases which, learned without a walk, make that walk's headings better."""
+        proposals = []
+        for device, rows in self._rows.items():
+            newest = float(rows[-1, T])
+            if self._tried.get(device) == newest:
+                continue
+            self._tried[device] = newest
+            proposal = self._propose(device, rows, now, until)
+            if proposal is not None:
+                proposals.append(proposal)
+        return proposals
+
+    def activated(self, model: Message) -> None:
+        """Know what is taken off."""
+        if isinstance(model, HeadingModel):
+            self._models[model.device] = model
+            self._tried.pop(model.device, None)
+
+    def lesson(self, device: str) -> dict[str, float | None]:
+        """Return what ``DeviceLessons`` tells of a device's headings: heading_bias, heading_error."""
+        rows = self._rows.get(device)
+        if rows is None or len(rows) < LEAST_WALKS:
+            return {"heading_bias": None, "heading_error": None}
+        found = bias_of(_angles(rows), rows[:, RUNS])
+        return {"heading_bias": found.mean, "heading_error": math.sqrt(found.error)}
+
+    @property
+    def devices(self) -> list[str]:
+        """Of whom something is known."""
+        return sorted(self._rows.keys() | self._models.keys())
+
+    def state(self) -> dict[str, Any]:
+        """Return walks and models in use."""
+        devices = {
+            device: _Device(self._rows.get(device, np.empty((0, 5))).tolist(), self._models.get(device))
+            for device in self.devices
+        }
+        state: dict[str, Any] = msgspec.to_builtins(_State(self._area, devices))
+        return state
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from ``state()``.
+
+        Raises:
+            ValueError: it is none, or another area's.
+        """
+        try:
+            known = msgspec.convert(state, _State)
+        except msgspec.ValidationError as error:
+            raise ValueError(f"heading lessons: {error}") from error
+        if known.area != self._area:
+            raise ValueError(f"heading lessons: area: {known.area!r}; allowed: {self._area!r}")
+        rows = {}
+        for device, kept in known.devices.items():
+            if any(len(row) != 5 for row in kept.rows):
+                raise ValueError(f"heading lessons: devices.{device}.rows: allowed: five numbers in each")
+            if kept.rows:
+                rows[device] = np.array(kept.rows, float)
+        self._rows, self._tried = rows, {}
+        self._models = {device: kept.model for device, kept in known.devices.items() if kept.model is not None}
+
+    def _propose(self, device: str, rows: Array, now: float, until: float) -> Proposal | None:
+        taught = rows[:, T] <= until
+        if taught.sum() < LEAST_WALKS:
+            return None
+        angles, runs = _angles(rows), rows[:, RUNS]
+        found = bias_of(angles[taught], runs[taught])
+        model = self._models.get(device)
+        active = 0.0 if model is None else model.bias
+        predicted = np.full(len(rows), found.mean)
+        for row in np.flatnonzero(taught):
+            others = taught.copy()
+            others[row] = False
+            predicted[row] = bias_of(angles[others], runs[others]).mean
+        sigma = math.sqrt(found.variance)
+        gain = gain_of(_wrapped(angles - active), _wrapped(angles - predicted), np.arange(len(rows)), sigma)
+        change = float(_wrapped(np.array(found.mean - active)))
+        if abs(change) < LEAST_CHANGE or not gain.significant:
+            return None
+        return Proposal(
+            kind=self.kind,
+            subject=device,
+            area=self._area,
+            model=HeadingModel(t=now, device=device, version=0, bias=found.mean, variance=found.variance),
+            trained_until=until,
+            gain=gain.mean,
+            margin=gain.margin,
+            evidence={
+                "walks": float(taught.sum()),
+                "bias": found.mean,
+                "error before": gain.before,
+                "error after": gain.after,
+            },
+            reason=(
+                f"in {int(taught.sum())} walks the phone's headings were turned by {math.degrees(found.mean):.0f}° "
+                "against the way its carrier went"
+            ),
+        )
+
+
+def bias_of(angles: Array, runs: Array) -> Bias:
+    """Return what walks have in common: a robust mean, drawn towards nought, and what is left from walk to walk.
+
+    Args:
+        angles: (n,) radians, each the mean of one walk.
+        runs: (n,) of how many runs.
+    """
+    scatter = WALK_SIGMA**2
+    weight = runs / (runs + 1.0)  # a run alone errs by as much again as walks differ
+    robust = np.ones(len(angles))
+    mean = error = 0.0
+    for _ in range(10):
+        information = float((robust * weight).sum()) / scatter + USUAL_SIGMA**-2
+        start = math.atan2(float(robust @ np.sin(angles)), float(robust @ np.cos(angles))) if len(angles) else 0.0
+        mean = float((robust * weight) @ (start + _wrapped(angles - start))) / scatter / information
+        error = 1.0 / information
+        off = _wrapped(angles - mean)
+        robust = np.minimum(1.0, HUBER * math.sqrt(scatter) / np.maximum(np.abs(off), 1e-9))
+        squares = float((robust * weight * off**2).sum()) + WALK_BELIEF * WALK_SIGMA**2
+        scatter = squares / (float((robust * weight).sum()) + WALK_BELIEF)
+    return Bias(float(mean), float(scatter + error), float(error))
+
+
+def _angles(rows: Array) -> Array:
+    angles: Array = np.arctan2(rows[:, SINE], rows[:, COSINE])
+    return angles
+
+
+def _wrapped(angles: Array) -> Array:
+    wrapped: Array = np.angle(np.exp(1j * angles))
+    return wrapped
