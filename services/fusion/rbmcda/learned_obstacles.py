@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.fusion.area_view import AreaView
-from services.fusion.forces import Obstacles, OcclusionMap
+from services.fusion.forces import Obstacles
 from services.fusion.snapshot import unpack
+from shared.occlusion_map import OcclusionMap
 
 __all__ = ["LearnedObstacles"]
 

@@ -17,10 +17,11 @@ from services.api.live_state import LiveState
 from services.api.replies import AreaFreshness, HealthReport, Reply
 from services.api.service import ApiService
 from services.api.settings import ApiSettings
-from services.api.site_view import footprint, site_view
+from services.api.site_view import site_view
 from services.api.stream import Hub
 from shared.settings import SettingsError, read_settings
 from shared.site import CameraGeometry, load_site
+from shared.site.footprint import footprint
 
 SITE = "deploy/sites/hall/site.yaml"
 

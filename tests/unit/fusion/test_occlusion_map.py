@@ -9,7 +9,8 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from services.fusion.forces import Obstacles, OcclusionMap, OcclusionSettings
+from services.fusion.forces import Obstacles
+from shared.occlusion_map import OcclusionMap, OcclusionSettings
 from shared.site import FloorPlan
 
 PILLAR = shapely.box(4.0, 3.0, 6.0, 5.0)

@@ -66,6 +66,11 @@ class OcclusionMap:
         self._visits[fresh & (t - self._last >= self.settings.apart)] += 1.0
         self._last[fresh] = t
 
+    @property
+    def visits(self) -> Array:
+        """(rows, columns) visits to each cell, faded."""
+        return self._visits
+
     def blocked_cells(self, visible: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
         """Return (rows, columns) which cells are blocked.
 

@@ -1,0 +1,48 @@
+"""What learning can be told to do, and what it answers: payloads of the query ``learning/command``, JSON."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from shared.learning_report import MapGrid, ModelKind
+
+__all__ = ["LearningAnswer", "LearningCommand", "MapKind"]
+
+MapKind = Literal["visits", "occlusion", "radio", "shadowing", "magnetic"]
+
+
+class LearningCommand(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One order. What an order does not need stays None."""
+
+    do: Literal["rollback", "freeze", "unfreeze", "export", "import", "map"]
+    by: str = ""
+    """Who asked: the name of a key, for log and history."""
+    kind: ModelKind | None = None
+    subject: str | None = None
+    """``rollback``: the model of this kind of this area, camera or device returns to the version before."""
+    area: str | None = None
+    map: MapKind | None = None
+    access_point: str | None = None
+    """``map``: this map of this area; ``radio`` and ``shadowing`` are of one access point."""
+    bundle: msgspec.Raw = msgspec.Raw(b"null")
+    """``import``: what an ``export`` answered, here or in another museum."""
+
+
+class LearningAnswer(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of an order."""
+
+    done: bool
+    words: str = ""
+    """What was done or why not, for a person."""
+    field: str | None = None
+    """Of the order, where one of its values is to blame."""
+    unknown: bool = False
+    """Whether that value names nothing there is."""
+    version: int | None = None
+    """``rollback``: of the model that is active now."""
+    bundle: msgspec.Raw = msgspec.Raw(b"null")
+    """``export``: all models."""
+    map: MapGrid | None = None
+    """``map``: the grid; None where nothing is learned yet, ``words`` says so."""
