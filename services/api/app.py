@@ -16,6 +16,10 @@ from starlette.responses import RedirectResponse, Response, StreamingResponse
 
 from services.api.auth import Guard, KeyRing
 from services.api.hot_reads import HotReads
+from services.api.learning_link import LearningLink
+from services.api.learning_maps import learning_maps
+from services.api.learning_orders import learning_orders
+from services.api.learning_reads import learning_reads
 from services.api.live_state import LiveState
 from services.api.openapi import describe, documented, error
 from services.api.problems import Problem, ProblemError, tell_problems, unknown
@@ -59,6 +63,7 @@ def create_app(
     live: LiveState,
     hub: Hub,
     health: Callable[[float], HealthReport],
+    learning: LearningLink,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
 ) -> FastAPI:
     """Return the application.
@@ -70,6 +75,7 @@ def create_app(
         live: what is true now.
         hub: where stream readers join.
         health: makes the health report of one moment.
+        learning: asks the learning service.
         lifespan: runs around the life of the server.
     """
     sources: dict[str, Callable[[float], bytes]] = {
@@ -91,6 +97,8 @@ def create_app(
     describe(app)
     app.include_router(_reads(site, site_json, live, health))
     app.include_router(_stream(site, live, hub))
+    for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
+        app.include_router(router)
 
     @app.get("/", include_in_schema=False)
     async def root() -> RedirectResponse:
@@ -202,7 +210,7 @@ def _stream(site: Site, live: LiveState, hub: Hub) -> APIRouter:
                 ),
                 {"Retry-After": "5"},
             )
-        scopes = request.state.scopes
+        scopes = request.state.holder.scopes
         allowed = {"tracks": "positions", "revision": "positions", "alert": "alerts", "camera": "site"}
         reader = hub.join(frozenset(event for event, scope in allowed.items() if scope in scopes), area)
         for report in live.cameras(time.time()):

@@ -1,4 +1,4 @@
-"""Who may read what: staff API keys with scopes, deny by default.
+"""Who may read and do what: staff API keys with scopes, deny by default.
 
 A plain ASGI layer rather than a dependency per route, so that a hot read pays microseconds for it and no route can be
 forgotten: a path nobody listed needs a key too.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from starlette.types import ASGIApp, Receive, Send
 from starlette.types import Scope as Connection
@@ -16,7 +17,7 @@ from starlette.types import Scope as Connection
 from services.api.problems import Problem, problem_response
 from services.api.settings import ApiKey, Scope
 
-__all__ = ["OPEN_PATHS", "SCOPES", "Guard", "KeyRing"]
+__all__ = ["OPEN_PATHS", "SCOPES", "Guard", "Holder", "KeyRing"]
 
 OPEN_PATHS = frozenset({"/", "/docs", "/openapi.json"})
 OPEN_FOLDER = "/static-offline-docs/"
@@ -32,23 +33,36 @@ SCOPES: dict[str, Scope] = {
     "site": "site",
     "cameras": "site",
     "health": "health",
+    "learning": "learning",
 }
 """The scope that the first part of a path below ``/v1/`` asks for."""
+ADMIN_READS = frozenset({"/v1/learning/export"})
+"""Reads that take all models out of the house."""
+
+
+@dataclass(frozen=True)
+class Holder:
+    """Whose key it is: its ``name`` for logs, and what it may read and do."""
+
+    name: str
+    scopes: frozenset[Scope]
 
 
 class KeyRing:
     """The keys that open something. Only digests are kept."""
 
     def __init__(self, keys: Iterable[ApiKey]) -> None:
-        self._keys = [(_digest(key.key.get_secret_value().encode()), frozenset(key.scopes)) for key in keys]
+        self._keys = [
+            (_digest(key.key.get_secret_value().encode()), Holder(key.name, frozenset(key.scopes))) for key in keys
+        ]
 
-    def scopes_of(self, presented: bytes) -> frozenset[Scope] | None:
-        """Return what ``presented`` may read, None if it is no key; the time taken does not depend on which it is."""
+    def holder_of(self, presented: bytes) -> Holder | None:
+        """Return who holds ``presented``, None if it is no key; the time taken does not depend on which it is."""
         digest = _digest(presented)
         found = None
-        for known, scopes in self._keys:
+        for known, holder in self._keys:
             if hmac.compare_digest(known, digest):
-                found = scopes
+                found = holder
         return found
 
 
@@ -65,10 +79,10 @@ class Guard:
             await self._app(connection, receive, send)
             return
         presented = _presented(connection)
-        scopes = None if presented is None else self._ring.scopes_of(presented)
-        problem = _refusal(connection["path"], presented, scopes)
+        holder = None if presented is None else self._ring.holder_of(presented)
+        problem = _refusal(connection, presented, holder)
         if problem is None:
-            connection.setdefault("state", {})["scopes"] = scopes
+            connection.setdefault("state", {})["holder"] = holder
             await self._app(connection, receive, send)
             return
         headers = {"WWW-Authenticate": 'Bearer realm="atrium"'} if problem.status == 401 else None
@@ -79,8 +93,8 @@ def _is_open(path: str) -> bool:
     return path in OPEN_PATHS or path.startswith(OPEN_FOLDER)
 
 
-def _refusal(path: str, presented: bytes | None, scopes: frozenset[Scope] | None) -> Problem | None:
-    if scopes is None:
+def _refusal(connection: Connection, presented: bytes | None, holder: Holder | None) -> Problem | None:
+    if holder is None:
         return Problem(
             type="urn:atrium:unauthorized",
             title="No valid key",
@@ -90,23 +104,26 @@ def _refusal(path: str, presented: bytes | None, scopes: frozenset[Scope] | None
             found="no key" if presented is None else "a key that is not known",
             allowed="a key from the setting api_keys",
         )
-    needed = _needed_scope(path)
-    if needed is not None and needed not in scopes:
+    needed = _needed_scope(connection["path"], connection.get("method", "GET"))
+    if needed is not None and needed not in holder.scopes:
         return Problem(
             type="urn:atrium:forbidden",
             title="Scope missing",
             status=403,
-            detail=f"this key may not read {needed}",
+            detail=f"this key may not {'change learning' if needed == 'learning-admin' else 'read ' + needed}",
             field="Authorization",
-            found=f"a key with the scopes {', '.join(sorted(scopes)) or 'none'}",
+            found=f"a key with the scopes {', '.join(sorted(holder.scopes)) or 'none'}",
             allowed=f"a key with the scope {needed}",
         )
     return None
 
 
-def _needed_scope(path: str) -> Scope | None:
+def _needed_scope(path: str, method: str) -> Scope | None:
     parts = path.split("/", 3)
-    return SCOPES.get(parts[2]) if len(parts) > 2 and parts[1] == "v1" else None
+    scope = SCOPES.get(parts[2]) if len(parts) > 2 and parts[1] == "v1" else None
+    if scope == "learning" and (method not in ("GET", "HEAD", "OPTIONS") or path in ADMIN_READS):
+        return "learning-admin"
+    return scope
 
 
 def _presented(connection: Connection) -> bytes | None:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from services.api.replies import Alerts, Cameras, HealthReport, Position, Positions, Reply, SiteView, Tracks, Zones
+import msgspec
+
+from services.api.learning_examples import LEARNING_EXAMPLES
+from services.api.replies import Alerts, Cameras, HealthReport, Position, Positions, SiteView, Tracks, Zones
 
 __all__ = ["EXAMPLES"]
 
@@ -48,7 +51,8 @@ _ALERT: dict[str, Any] = {
 }
 _CORNERS = [[7.0, 0.0], [13.0, 0.0], [13.0, 2.5], [7.0, 2.5]]
 
-EXAMPLES: dict[type[Reply], dict[str, Any]] = {
+EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
+    **LEARNING_EXAMPLES,
     Position: _POSITION,
     Positions: {"t": 1767225600.28, "positions": [_POSITION]},
     Tracks: {

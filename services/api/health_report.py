@@ -13,6 +13,7 @@ _MEANS = {
     "gateway": "phones cannot report",
     "fusion": "nobody is tracked",
     "geofence": "no alerts are raised",
+    "learning": "nothing new is learned",
 }
 
 

@@ -9,27 +9,33 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from services.api.examples import EXAMPLES
+from services.api.learning_replies import RollBack
 from services.api.problems import MEDIA_TYPE, Problem
-from services.api.replies import CameraReport, Reply, TrackColumns
+from services.api.replies import CameraReport, TrackColumns
 from shared.messages import Alert
 
-__all__ = ["describe", "documented", "error"]
+__all__ = ["describe", "documented", "error", "errors"]
 
 _REFERENCE = "#/components/schemas/{name}"
 
 DESCRIPTION = """\
-Who is where, in metres, now. Read-only; every path below `/v1` needs an API key:
-`Authorization: Bearer KEY` or `X-API-Key: KEY`. Times are seconds since the epoch (UTC), lengths metres,
-covariances `[xx, xy, yy]` in m². Errors are problem details (RFC 9457) that name field, found and allowed."""
+Who is where, in metres, now, and what the system learns. Read-only, but for orders to learning. Every path below `/v1`
+needs an API key: `Authorization: Bearer KEY` or `X-API-Key: KEY`. Times are seconds since the epoch (UTC), lengths
+metres, covariances `[xx, xy, yy]` in m². Errors are problem details (RFC 9457) that name field, found and allowed."""
 
 
-def documented(body: type[Reply], *errors: int) -> dict[int | str, dict[str, Any]]:
-    """Return the ``responses`` of a route that answers ``body`` or one of ``errors``."""
+def documented(body: type[msgspec.Struct], *statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Return the ``responses`` of a route that answers ``body`` or an error of one of these ``statuses``."""
     content = {"schema": {"$ref": _REFERENCE.format(name=body.__name__)}, "example": EXAMPLES[body]}
     answers: dict[int | str, dict[str, Any]] = {
         200: {"description": (body.__doc__ or "").strip(), "content": {"application/json": content}}
     }
-    return answers | {status: error(status) for status in (401, 403, *errors)}
+    return answers | errors(*statuses)
+
+
+def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Return the error answers of a route that needs a key and may answer these ``statuses`` besides."""
+    return {status: error(status) for status in (401, 403, *statuses)}
 
 
 def error(status: int) -> dict[str, Any]:
@@ -37,9 +43,11 @@ def error(status: int) -> dict[str, Any]:
     what = {
         401: "no valid key",
         403: "the key lacks the scope",
-        404: "an id that names nothing",
+        404: "an id that names nothing, or nothing is known of it yet",
+        409: "not possible now; detail says why",
+        413: "the body is too large",
         422: "a value out of range",
-        503: "too many streams are open; try again after Retry-After seconds",
+        503: "not now: too many streams, or learning does not run; try again after Retry-After seconds",
     }[status]
     return {"description": what, "content": {MEDIA_TYPE: {"schema": {"$ref": _REFERENCE.format(name="Problem")}}}}
 
@@ -50,7 +58,7 @@ def describe(app: FastAPI) -> None:
     def document() -> dict[str, Any]:
         if app.openapi_schema is None:
             schema = get_openapi(title=app.title, version=app.version, description=DESCRIPTION, routes=app.routes)
-            structs = [*EXAMPLES, Alert, CameraReport, TrackColumns, Problem]
+            structs = [*EXAMPLES, Alert, CameraReport, TrackColumns, Problem, RollBack]
             _, components = msgspec.json.schema_components(structs, ref_template=_REFERENCE)
             parts = schema.setdefault("components", {})
             parts["schemas"] = components

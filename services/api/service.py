@@ -14,6 +14,7 @@ from fastapi import FastAPI
 
 from services.api.app import create_app
 from services.api.health_report import Presence, health_report
+from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
 from services.api.replies import HealthReport
 from services.api.settings import DEMO_KEY, ApiSettings
@@ -83,6 +84,7 @@ class ApiService(Service[ApiSettings]):
             self._live,
             self._hub,
             self._health_report,
+            LearningLink(self.keys, self._ask_once),
             self._lifespan,
         )
         serve(app, self.settings.api_host, self.settings.api_port, self.stopping)
@@ -122,6 +124,10 @@ class ApiService(Service[ApiSettings]):
             alive = self.bus.present(self.keys.alive()) if connected else []
             told = self._ask_health() if connected else []
             loop.call_soon_threadsafe(self._note, connected, alive, told)
+
+    def _ask_once(self, key: str, timeout: float, payload: bytes | None) -> bytes | None:
+        """The first answer to a query, None if nobody answers."""
+        return next((answer for _, answer in self.bus.ask(key, timeout, payload)), None)
 
     def _ask_health(self) -> list[str]:
         """What other services find wrong; of cameras their status tells it already."""

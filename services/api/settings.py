@@ -10,13 +10,15 @@ from pydantic_settings import NoDecode
 
 from shared.settings import ServiceSettings
 
-__all__ = ["ALL_SCOPES", "DEMO_KEY", "ApiKey", "ApiSettings", "Scope"]
+__all__ = ["ALL_SCOPES", "DEMO_KEY", "READ_SCOPES", "ApiKey", "ApiSettings", "Scope"]
 
 DEMO_KEY = "demo-api-key"
 
-Scope = Literal["positions", "alerts", "site", "health"]
-"""What a key may read: positions and tracks; alerts; the site, its zones and cameras; health."""
+Scope = Literal["positions", "alerts", "site", "health", "learning", "learning-admin"]
+"""What a key may read: positions and tracks; alerts; the site, its zones and cameras; health; what is learned. And what
+it may do: ``learning-admin`` rolls models back, freezes learning, takes models out and brings them in."""
 ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
+READ_SCOPES: tuple[Scope, ...] = tuple(scope for scope in ALL_SCOPES if scope != "learning-admin")
 
 
 class ApiKey(BaseModel):
@@ -27,13 +29,13 @@ class ApiKey(BaseModel):
     name: str = "key"
     """Names the key in logs; never the key itself."""
     key: SecretStr = Field(min_length=8, max_length=256)
-    scopes: tuple[Scope, ...] = ALL_SCOPES
+    scopes: tuple[Scope, ...] = READ_SCOPES
 
 
 def _read_keys(value: Any) -> Any:
     """Accept ``KEY``, ``KEY,KEY``, a JSON list of keys or of {"name", "key", "scopes"}, or a mapping of name to either.
 
-    A key given as bare text may read everything.
+    A key given as bare text may read everything; the demo's may do everything.
     """
     if isinstance(value, str):
         text = value.strip()
@@ -45,7 +47,9 @@ def _read_keys(value: Any) -> Any:
         ]
     if isinstance(value, list | tuple):
         return [
-            {"name": f"key-{number}", "key": entry} if isinstance(entry, str | SecretStr) else entry
+            {"name": f"key-{number}", "key": entry, **({"scopes": ALL_SCOPES} if entry == DEMO_KEY else {})}
+            if isinstance(entry, str | SecretStr)
+            else entry
             for number, entry in enumerate(value, start=1)
         ]
     return value
@@ -59,7 +63,7 @@ class ApiSettings(ServiceSettings):
     api_host: str = Field("127.0.0.1", description="where the API listens")
     api_port: int = Field(8081, ge=0, le=65535, description="0: any free port, printed at start")
     api_keys: Annotated[tuple[ApiKey, ...], NoDecode, BeforeValidator(_read_keys)] = Field(
-        (ApiKey(name="demo", key=SecretStr(DEMO_KEY)),),
+        (ApiKey(name="demo", key=SecretStr(DEMO_KEY), scopes=ALL_SCOPES),),
         description='keys of the staff: KEY[,KEY] (may read everything) or JSON [{"name","key","scopes"}]',
     )
     cors_origins: list[str] = Field([], description="web origins whose pages may call the API; none by default")

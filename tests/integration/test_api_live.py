@@ -5,21 +5,18 @@ import re
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import httpx
 import pytest
+from api_in_process import running
 from waiting import wait_until
 
-from services.api.service import ApiService
-from services.api.settings import ApiSettings
 from services.api.stream import READERS, SKIPPED
 from shared.bus import Bus, router
 from shared.keys import Keys
 from shared.messages import Alert, CameraStatus, TrackFrame
-from shared.runner import Health
 from shared.site import Site, load_site
 
 KEY = {"Authorization": "Bearer demo-api-key"}
@@ -60,36 +57,6 @@ def alert(number: int, zone: str = "entrance") -> Alert:
 @pytest.fixture(scope="module")
 def site(project: Path) -> Site:
     return load_site(project / "deploy/sites/hall/site.yaml")
-
-
-@contextmanager
-def running(site: Site, project: Path, endpoint: str, port: int, **changes: object) -> Iterator[str]:
-    """One api service, in this process, until the block ends; yields its address."""
-    changes = {"stream_keep_alive": 0.3} | changes
-    settings = ApiSettings(
-        site_file=project / "deploy/sites/hall/site.yaml",
-        profile="demo",
-        bus=[endpoint],
-        api_port=port,
-        **changes,  # type: ignore[arg-type]
-    )
-    with Bus([endpoint]) as bus:
-        service = ApiService(settings, site, bus, Health.__new__(Health))
-        # A second Health in one process would register its gauge twice.
-        service.health.__dict__.update(_problems={}, _lock=threading.Lock(), ready=threading.Event())
-        bus.announce(service.keys.alive("api", "0"))
-        thread = threading.Thread(target=service.run, daemon=True)
-        thread.start()
-        address = f"http://127.0.0.1:{port}"
-        assert service.health.ready.wait(DEADLINE)
-        try:
-            yield address
-        finally:
-            asked = time.monotonic()
-            service.stop()
-            thread.join(DEADLINE)
-            assert not thread.is_alive()
-            assert time.monotonic() - asked < 5.0, "a stop takes at most five seconds, open streams or not"
 
 
 class Events:
@@ -279,13 +246,19 @@ def test_a_wrong_key_is_refused_everywhere(site: Site, project: Path, zenoh_rout
     keys = '[{"name": "guide", "key": "guide-app-key-0001", "scopes": ["positions"]}, "demo-api-key"]'
     with running(site, project, zenoh_router, free_port, api_keys=keys) as address:
         paths = list(httpx.get(f"{address}/openapi.json").json()["paths"])
-        assert len(paths) == 9
-        for path in [*paths, "/v1/nothing", "/v2"]:
-            for headers in ({}, {"Authorization": "Bearer wrong-key"}, {"X-API-Key": ""}, {"Authorization": "Basic x"}):
-                reply = httpx.get(address + path, headers=headers)
-                assert reply.status_code == 401
-                assert reply.json()["type"] == "urn:atrium:unauthorized"
-                assert "Bearer" in reply.headers["WWW-Authenticate"]
+        assert len(paths) == 23
+        with httpx.Client(base_url=address) as stranger:
+            for path in [*paths, "/v1/nothing", "/v2"]:
+                for headers in (
+                    {},
+                    {"Authorization": "Bearer wrong-key"},
+                    {"X-API-Key": ""},
+                    {"Authorization": "Basic x"},
+                ):
+                    reply = stranger.get(path, headers=headers)
+                    assert reply.status_code == 401
+                    assert reply.json()["type"] == "urn:atrium:unauthorized"
+                    assert "Bearer" in reply.headers["WWW-Authenticate"]
         guide = {"Authorization": "Bearer guide-app-key-0001"}
         assert httpx.get(f"{address}/v1/positions", headers=guide).status_code == 200
         refused = httpx.get(f"{address}/v1/alerts", headers=guide)

@@ -13,12 +13,14 @@ from services.api.app import create_app
 from services.api.auth import KeyRing
 from services.api.examples import EXAMPLES
 from services.api.health_report import Presence, health_report
+from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
-from services.api.replies import AreaFreshness, HealthReport, Reply
+from services.api.replies import AreaFreshness, HealthReport
 from services.api.service import ApiService
 from services.api.settings import ApiSettings
 from services.api.site_view import site_view
 from services.api.stream import Hub
+from shared.keys import Keys
 from shared.settings import SettingsError, read_settings
 from shared.site import CameraGeometry, load_site
 from shared.site.footprint import footprint
@@ -27,7 +29,7 @@ SITE = "deploy/sites/hall/site.yaml"
 
 
 @pytest.mark.parametrize("kind", EXAMPLES, ids=lambda kind: kind.__name__)
-def test_every_example_is_what_it_exemplifies(kind: type[Reply]) -> None:
+def test_every_example_is_what_it_exemplifies(kind: type[msgspec.Struct]) -> None:
     example = json.dumps(EXAMPLES[kind])
     decoded = msgspec.json.decode(example, type=kind)
     assert set(json.loads(msgspec.json.encode(decoded))) == set(EXAMPLES[kind])
@@ -38,16 +40,21 @@ def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: 
     settings = ApiSettings(site_file=project / SITE, profile="demo")
     live, hub = LiveState(site, 60.0, 5.0, 10), Hub(10.0, 5.0, 10)
     empty = HealthReport(t=0.0, status="ok", problems=[], services=[], areas=[], cameras=[])
-    document = create_app(settings, site, b"{}", live, hub, lambda _: empty).openapi()
+    document = create_app(
+        settings, site, b"{}", live, hub, lambda _: empty, LearningLink(Keys("hall"), lambda *_: None)
+    ).openapi()
     text = json.dumps(document)
     schemas = document["components"]["schemas"]
     for reference in {part.split('"')[0] for part in text.split("#/components/schemas/")[1:]}:
         assert reference in schemas
     assert {"Position", "TrackColumns", "Alert", "CameraReport", "Problem"} <= set(schemas)
     for path, operations in document["paths"].items():
-        answers = operations["get"]["responses"]
-        assert {"200", "401", "403"} <= set(answers), path
-        assert "example" in json.dumps(answers["200"]), path
+        for operation in operations.values():
+            answers = operation["responses"]
+            assert {"200", "401", "403"} <= set(answers), path
+            assert "example" in json.dumps(answers["200"]), path
+            if "requestBody" in operation:
+                assert "example" in json.dumps(operation["requestBody"]), path
     assert document["security"]
 
 
@@ -56,10 +63,10 @@ def test_keys_are_read_in_every_documented_form(project: Path, monkeypatch: pyte
         monkeypatch.setenv("ATRIUM_API_KEYS", text)
         settings = read_settings(ApiSettings, ["--site-file", str(project / SITE)])
         assert presented not in str(settings.shown())
-        found: frozenset[str] | None = KeyRing(settings.api_keys).scopes_of(presented.encode())
-        return found
+        holder = KeyRing(settings.api_keys).holder_of(presented.encode())
+        return None if holder is None else holder.scopes
 
-    everything = {"positions", "alerts", "site", "health"}
+    everything = {"positions", "alerts", "site", "health", "learning"}
     assert scopes("a-long-secret-key-1", "a-long-secret-key-1") == everything
     assert scopes("a-long-secret-key-1, a-long-secret-key-2", "a-long-secret-key-2") == everything
     assert scopes('["a-long-secret-key-1"]', "a-long-secret-key-1") == everything
@@ -68,6 +75,7 @@ def test_keys_are_read_in_every_documented_form(project: Path, monkeypatch: pyte
     assert scopes(one, "a-long-secret-key-1") == {"positions"}
     assert scopes(one, "a-long-secret-key-2") is None
     assert scopes(one, "a-long-secret-key-") is None
+    assert scopes("demo-api-key", "demo-api-key") == {*everything, "learning-admin"}
 
 
 @pytest.mark.parametrize("keys", ["demo-api-key", "short-key", '["a-long-secret-key-1", "demo-api-key"]'])

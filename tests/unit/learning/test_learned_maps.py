@@ -134,7 +134,7 @@ def test_the_state_is_json_of_a_bounded_size_and_goes_on_where_it_was(hall: Area
 def test_a_strange_state_is_refused_and_changes_nothing(hall: AreaMaps, spoilt: dict[str, object]) -> None:
     state = hall.state() | spoilt if spoilt else {}
     maps = empty()
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError, match=r"map|state|float|cells"):
         maps.restore(state)
     assert maps.state() == empty().state()
 

@@ -1,0 +1,177 @@
+"""``/v1/learning``: the orders an operator can give, each logged with the name of the key."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import msgspec
+import structlog
+from fastapi import APIRouter, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from services.api.auth import Holder
+from services.api.learning_link import LearningLink
+from services.api.learning_replies import LearningDone, RollBack
+from services.api.openapi import documented, errors
+from services.api.problems import Problem, ProblemError
+from shared.learning_command import LearningAnswer, LearningCommand
+
+__all__ = ["learning_orders"]
+
+log = structlog.get_logger(__name__)
+
+LARGEST_ORDER = 4096
+LARGEST_BUNDLE = 64 * 2**20
+"""Bytes."""
+
+_BUNDLE: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "All active models, for an import here or in another museum; what is in it is learning's own.",
+        "content": {"application/json": {"schema": {"type": "object"}, "example": {"format": "atrium-models/1"}}},
+    }
+}
+
+
+def learning_orders(link: LearningLink) -> APIRouter:
+    """Return the routes that change something, and the one that takes everything out."""
+    router = APIRouter(prefix="/v1/learning", tags=["learning"], default_response_class=Response)
+
+    def order(request: Request, command: LearningCommand) -> LearningAnswer:
+        holder: Holder = request.state.holder
+        answer = link.tell(msgspec.structs.replace(command, by=holder.name))
+        log.warning(
+            "an order to learning",
+            order=command.do,
+            key=holder.name,
+            kind=command.kind,
+            subject=command.subject,
+            done=answer.done,
+            answer=answer.words,
+        )
+        if not answer.done:
+            raise _refusal(command, answer)
+        return answer
+
+    def done(answer: LearningAnswer) -> Response:
+        return Response(
+            msgspec.json.encode(LearningDone(words=answer.words, version=answer.version)), media_type="application/json"
+        )
+
+    @router.post(
+        "/rollback",
+        responses=documented(LearningDone, 404, 409, 413, 422, 503),
+        openapi_extra=_body("RollBack", {"kind": "radio", "subject": "hall"}),
+    )
+    async def roll_back(request: Request) -> Response:
+        """Return one model to the version before; the order is logged with the key's name."""
+        wanted = _roll_back_of(await _read(request, LARGEST_ORDER))
+        command = LearningCommand(do="rollback", kind=wanted.kind, subject=wanted.subject)
+        return done(await run_in_threadpool(order, request, command))
+
+    @router.post("/freeze", responses=documented(LearningDone, 409, 503))
+    def freeze(request: Request) -> Response:
+        """Let nothing new go live until unfrozen; learning itself goes on."""
+        return done(order(request, LearningCommand(do="freeze")))
+
+    @router.post("/unfreeze", responses=documented(LearningDone, 409, 503))
+    def unfreeze(request: Request) -> Response:
+        """Let what wins go live again."""
+        return done(order(request, LearningCommand(do="unfreeze")))
+
+    @router.get("/export", responses=_BUNDLE | errors(409, 503))
+    def export(request: Request) -> Response:
+        """Take all active models out, for a copy or another museum."""
+        return Response(bytes(order(request, LearningCommand(do="export")).bundle), media_type="application/json")
+
+    @router.post(
+        "/import",
+        responses=documented(LearningDone, 409, 413, 422, 503),
+        openapi_extra=_body(None, {"format": "atrium-models/1"}),
+    )
+    async def bring_in(request: Request) -> Response:
+        """Bring in what an export took out; what does not fit this site is refused and changes nothing."""
+        body = await _read(request, LARGEST_BUNDLE)
+        try:
+            msgspec.json.decode(body, type=dict[str, msgspec.Raw])
+        except msgspec.MsgspecError as reason:
+            raise _invalid("body", str(reason), "the JSON object that GET /v1/learning/export answered") from reason
+        command = LearningCommand(do="import", bundle=msgspec.Raw(body))
+        return done(await run_in_threadpool(order, request, command))
+
+    return router
+
+
+def _body(schema: str | None, example: dict[str, Any]) -> dict[str, Any]:
+    """Return how the OpenAPI document describes a body that the route reads itself."""
+    described = {"type": "object"} if schema is None else {"$ref": f"#/components/schemas/{schema}"}
+    return {
+        "requestBody": {"required": True, "content": {"application/json": {"schema": described, "example": example}}}
+    }
+
+
+async def _read(request: Request, most: int) -> bytes:
+    """Return the body, unless it is larger than ``most`` bytes."""
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > most:
+            raise ProblemError(
+                Problem(
+                    type="urn:atrium:too-large",
+                    title="Too large",
+                    status=413,
+                    detail=f"the body is larger than {most} bytes",
+                    field="body",
+                    found=f"more than {most} bytes",
+                    allowed=f"at most {most} bytes",
+                )
+            )
+    return bytes(body)
+
+
+def _roll_back_of(body: bytes) -> RollBack:
+    try:
+        return msgspec.json.decode(body, type=RollBack)
+    except msgspec.MsgspecError as reason:
+        named = re.search(r"\$\.(\w+)|field `(\w+)`", str(reason))
+        field = (named[1] or named[2]) if named else "body"
+        allowed = (
+            '{"kind": "radio", "detector", "stride", "heading" or "alignment", "subject": "an area, camera or device"}'
+        )
+        raise _invalid(field, str(reason), allowed) from reason
+
+
+def _invalid(field: str, found: str, allowed: str) -> ProblemError:
+    return ProblemError(
+        Problem(
+            type="urn:atrium:invalid-value",
+            title="Invalid value",
+            status=422,
+            detail=f"{field}: {found}; allowed: {allowed}",
+            field=field,
+            found=found,
+            allowed=allowed,
+        )
+    )
+
+
+def _refusal(command: LearningCommand, answer: LearningAnswer) -> ProblemError:
+    """Return why learning did not do it: what it names is not there, a value does not fit, or not now."""
+    status, title = (409, "Not done")
+    if answer.unknown:
+        status, title = (404, "Nothing of that name")
+    elif answer.field is not None:
+        status, title = (422, "Invalid value")
+    found = {"kind": command.kind, "subject": command.subject}.get(answer.field or "")
+    return ProblemError(
+        Problem(
+            type="urn:atrium:" + title.lower().replace(" ", "-"),
+            title=title,
+            status=status,
+            detail=answer.words or "learning refused and did not say why",
+            field=answer.field,
+            found=found,
+        )
+    )
