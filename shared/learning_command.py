@@ -8,26 +8,50 @@ import msgspec
 
 from shared.learning_report import MapGrid, ModelKind
 
-__all__ = ["LearningAnswer", "LearningCommand", "MapKind"]
+__all__ = ["LearningAnswer", "LearningCommand", "MapKind", "ModelLine"]
 
 MapKind = Literal["visits", "occlusion", "radio", "shadowing", "magnetic"]
 
 
 class LearningCommand(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One order. What an order does not need stays None."""
+    """One order. What an order does not need stays as it is."""
 
-    do: Literal["rollback", "freeze", "unfreeze", "export", "import", "map"]
+    do: Literal["list", "activate", "rollback", "freeze", "unfreeze", "export", "import", "map"]
     by: str = ""
     """Who asked: the name of a key, for log and history."""
     kind: ModelKind | None = None
     subject: str | None = None
-    """``rollback``: the model of this kind of this area, camera or device returns to the version before."""
+    """``rollback``: the model of this kind of this area, camera or device returns to the version before;
+    ``activate``: its ``version`` goes live without being tried."""
+    version: int | None = None
     area: str | None = None
     map: MapKind | None = None
     access_point: str | None = None
     """``map``: this map of this area; ``radio`` and ``shadowing`` are of one access point."""
     bundle: msgspec.Raw = msgspec.Raw(b"null")
     """``import``: what an ``export`` answered, here or in another museum."""
+    as_site: bool = False
+    """``import``: models of another site are taken for this one's."""
+    areas: dict[str, str] = {}
+    """``import``: by area of the bundle, the area here."""
+    cameras: dict[str, str] = {}
+    """``import``: by camera of the bundle, the camera here."""
+    force: bool = False
+    """``import``: models go live at once, untried."""
+    personal: bool = False
+    """``export``: models of people's phones too."""
+
+
+class ModelLine(msgspec.Struct, frozen=True, kw_only=True):
+    """One stored model, as ``list`` tells it."""
+
+    kind: ModelKind
+    subject: str
+    version: int
+    state: str
+    t: float
+    probation: bool = False
+    reason: str = ""
 
 
 class LearningAnswer(msgspec.Struct, frozen=True, kw_only=True):
@@ -41,7 +65,9 @@ class LearningAnswer(msgspec.Struct, frozen=True, kw_only=True):
     unknown: bool = False
     """Whether that value names nothing there is."""
     version: int | None = None
-    """``rollback``: of the model that is active now."""
+    """``rollback``, ``activate``: of the model that is active now."""
+    models: list[ModelLine] = []
+    """``list``: all that are stored, by kind and subject, newest first."""
     bundle: msgspec.Raw = msgspec.Raw(b"null")
     """``export``: all models."""
     map: MapGrid | None = None

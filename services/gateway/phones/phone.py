@@ -6,6 +6,8 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from services.gateway.phones.batch_check import Limits, check_batch
 from services.gateway.phones.clock import ClockAligner
 from services.gateway.phones.seen_numbers import SeenNumbers
@@ -203,6 +205,8 @@ class Phone:
                 "other_heading": motion.other_heading.tolist(),
                 "other_probability": motion.other_probability.tolist(),
             }
+            if np.isfinite(motion.field_strength).all():
+                steps["field"] = np.round(motion.field_strength, 1).tolist()
         if len(motion.turn_t):
             steps |= {"turn_t": (motion.turn_t + offset).tolist(), "turn": motion.turn.tolist()}
         self.outbox.append(

@@ -218,7 +218,8 @@ class DeadReckoner:
             blind = (walked["compass"] < COMPASS_SECONDS) | (carrying == "bag")  # how a bag swings nobody has measured
             drifted = self._calibration.drift_variance(record["calibration"])[steps.phone]
             drifted = drifted * (steps.t - walked["begun"][steps.phone]) ** 2
-            stepped = _Stepped(steps, lengths, _admitted(headings, blind[steps.phone], drifted))
+            strength = recent.field[steps.phone, recent.index(steps.phone, steps.t)].astype(np.float64)
+            stepped = _Stepped(steps, lengths, _admitted(headings, blind[steps.phone], drifted), strength)
         # By the second, of the step counter recordings: 97 % of walking and 5 % of handling are told as walking; by the
         # spectrum alone it would be 93 and 13 %.
         since_step = np.where(walked["last_step"] > 0.0, hops.t - walked["last_step"], np.inf)
@@ -275,6 +276,7 @@ class DeadReckoner:
                     heading_variance=stepped.headings.variance[of],
                     other_heading=other[of],
                     other_probability=stepped.headings.other_probability[of],
+                    field_strength=stepped.field_strength[of],
                     walk=walk.walks,
                     heading_bias_variance=float(stepped.headings.bias_variance[of][-1]),
                     length_scale_variance=float(stepped.lengths.scale_variance[of][-1]),
@@ -290,12 +292,13 @@ class _Stepped:
     steps: Steps
     lengths: StepLengths
     headings: StepHeadings
+    field_strength: Array
 
     @classmethod
     def none(cls) -> _Stepped:
         empty = np.empty(0)
         steps = Steps(np.empty(0, np.int64), empty, np.empty(0, np.bool_), empty)
-        return cls(steps, StepLengths(empty, empty, empty), StepHeadings(empty, empty, empty, empty, empty))
+        return cls(steps, StepLengths(empty, empty, empty), StepHeadings(empty, empty, empty, empty, empty), empty)
 
 
 def _still(hops: Hops) -> NDArray[np.bool_]:

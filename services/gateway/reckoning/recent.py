@@ -20,9 +20,10 @@ RECENT = np.dtype(
         ("acceleration", np.float32, (KEPT, 3)),
         ("rate", np.float32, (KEPT, 3)),
         ("attitude", np.float32, (KEPT, 3, 3)),
+        ("field", np.float32, (KEPT,)),
     ]
 )
-"""30 kB of one phone."""
+"""32 kB of one phone."""
 
 Single = NDArray[np.float32]
 
@@ -37,6 +38,7 @@ class Recent:
         acceleration: (p, KEPT, 3) m/s², gravity included, phone axes.
         rate: (p, KEPT, 3) rad/s, bias removed, phone axes.
         attitude: (p, KEPT, 3, 3) rotations from the phone's axes to (east, north, up).
+        field: (p, KEPT) µT, strength of the magnetic field without the phone's own iron; NaN without a compass.
     """
 
     t: Array
@@ -44,6 +46,7 @@ class Recent:
     acceleration: Single
     rate: Single
     attitude: Single
+    field: Single
 
     def index(self, phone: NDArray[np.int64], t: Array) -> NDArray[np.int64]:
         """Return the index of the sample nearest to each of m times ``t`` of the phones ``phone``, kept in bounds."""
@@ -53,10 +56,13 @@ class Recent:
 
 def remember(state: State, hops: Hops, rate: Array, attitude: Array) -> Recent:
     """Append a hop to ``state`` (p,) of ``RECENT`` and return all that is remembered."""
-    for name, values in (("acceleration", hops.acceleration), ("rate", rate), ("attitude", attitude)):
+    strength = np.sqrt(np.einsum("pni,pni->pn", hops.field, hops.field))
+    columns = (("acceleration", hops.acceleration), ("rate", rate), ("attitude", attitude), ("field", strength))
+    for name, values in columns:
         column = state[name]
         column[:, :-HOP] = column[:, HOP:]
         column[:, -HOP:] = values
         state[name] = column
     state["count"] = np.minimum(state["count"] + HOP, KEPT)
-    return Recent(hops.t + (HOP - 1) / RATE, state["count"], state["acceleration"], state["rate"], state["attitude"])
+    newest = hops.t + (HOP - 1) / RATE
+    return Recent(newest, *(state[name] for name in ("count", "acceleration", "rate", "attitude", "field")))

@@ -38,8 +38,8 @@ Point = tuple[float, int, float, float, float, float, float, float]
 """t, track, x, y, xx, xy, yy, probability."""
 Reading = tuple[float, int, float]
 """t, access point, dBm."""
-Step = tuple[float, float, float, float, float, int]
-"""t, length, its variance, heading, its variance, walk."""
+Step = tuple[float, float, float, float, float, int, float]
+"""t, length, its variance, heading, its variance, walk, magnetic field (NaN: not told)."""
 
 
 @dataclass
@@ -146,8 +146,9 @@ class StretchAssembler:
         if batch.activity == "still" and not batch.step_t:
             insort(phone.still, (batch.t_start, batch.t))
         columns = (batch.step_t, batch.length, batch.length_variance, batch.heading, batch.heading_variance)
-        for row in zip(*columns, strict=True):
-            insort(steps, (*row, batch.walk))
+        fields = batch.field or [math.nan] * len(batch.step_t)
+        for *row, strength in zip(*columns, fields, strict=True):
+            insort(steps, (*row, batch.walk, strength))
 
     def forget(self, device: str) -> None:
         """Forget a device whose owner withdrew consent."""
@@ -201,7 +202,7 @@ class StretchAssembler:
         covariance = table[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
         seen, sight = self._sight(track, t)
         readings = np.array(_between(phone.readings, t[0], t[-1]), float).reshape(-1, 3)
-        steps = np.array(_between(phone.steps, t[0], t[-1]), float).reshape(-1, 6)
+        steps = np.array(_between(phone.steps, t[0], t[-1]), float).reshape(-1, 7)
         other, other_t, other_place = self._others(track, t, place)
         where = np.column_stack([np.interp(readings[:, 0], t, place[:, axis]) for axis in (0, 1)])
         spread = np.sqrt(0.5 * (covariance[:, 0, 0] + covariance[:, 1, 1]))
@@ -229,6 +230,7 @@ class StretchAssembler:
             other=other,
             other_t=other_t,
             other_place=other_place,
+            field=steps[:, 6],
         )
 
     def _others(self, track: int, t: Array, place: Array) -> tuple[NDArray[np.int64], Array, Array]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,7 @@ class Stretch:
         other: (m,) ids of other tracks that were about, the nearest; in the order of ``other_place``.
         other_t: (k,) when they are told of.
         other_place: (m, k, 2) metres; NaN while a track was not about.
+        field: (s,) µT, strength of the magnetic field; NaN where the phone did not tell. May be left empty.
     """
 
     device: str
@@ -64,10 +66,11 @@ class Stretch:
     heading: Array
     heading_variance: Array
     walk: Integers
-    still: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    other: Integers = field(default_factory=lambda: np.zeros(0, np.int64))
-    other_t: Array = field(default_factory=lambda: np.zeros(0))
-    other_place: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
+    still: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))
+    other: Integers = dataclasses.field(default_factory=lambda: np.zeros(0, np.int64))
+    other_t: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    other_place: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0, 2)))
+    field: Array = dataclasses.field(default_factory=lambda: np.empty(0))
 
     @property
     def seconds(self) -> float:

@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -85,6 +86,21 @@ def test_a_clock_that_is_off_by_a_day_places_everything_in_server_time(off: floa
     assert all(server < t < server + 12 for t in steps)
     assert [m.seq for m in motions] == list(range(len(motions)))
     assert [m.seq for m in scans] == list(range(12))
+
+
+@pytest.mark.parametrize("compass", [True, False])
+def test_each_step_tells_the_strength_of_the_field_where_the_phone_has_a_compass(compass: bool) -> None:
+    to = phone()
+    for second in range(12):
+        imu = walking(second, 0.0)
+        if not compass:
+            imu = msgspec.structs.replace(imu, mx=[], my=[], mz=[])
+        to.take(Batch(sent=second + 1.0, seq=second, imu=imu), second + 1.0, Limits(), RECKONER)
+    batches = [m for m in to.outbox if isinstance(m, MotionBatch) and m.step_t]
+    assert batches
+    for batch in batches:
+        expected = [math.hypot(20.0, 43.0)] * len(batch.step_t) if compass else []
+        assert batch.field == pytest.approx(expected, abs=2.0)
 
 
 def test_the_same_batch_again_is_acknowledged_and_not_published_twice() -> None:

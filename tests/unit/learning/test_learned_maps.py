@@ -6,16 +6,20 @@ import json
 import math
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.learning.maps import AreaMaps
+from services.learning.maps import AreaMaps, MapsLearner
 from services.learning.maps.area_maps import HALF_LIFE
+from services.learning.tracks.stretch import Stretch
+from shared.learning_command import LearningAnswer, LearningCommand, MapKind
+from shared.messages import RadioModelUpdate, TrackFrame
 from shared.radio.path_loss import PathLoss
-from shared.radio.radio_model import RadioModel
+from shared.radio.radio_model import RadioModel, pack_radio_model
 from shared.radio.shadowing_map import ShadowingMap
 from shared.site import load_site
 
@@ -188,3 +192,63 @@ def test_the_demo_hall_has_maps(project: Path) -> None:
     for step in range(200):
         maps.look(float(step), np.array([[10.0, 6.0]]))
     assert np.nanmax(values(maps, "visits")) == pytest.approx(18.0, rel=0.05)  # who stands visits once
+
+
+def test_a_learner_of_maps_watches_learns_and_answers(project: Path) -> None:
+    site = load_site(project / "deploy/sites/hall/site.yaml")
+    maps = MapsLearner(site, "hall")
+    frame = TrackFrame(
+        t=0.0, area="hall", chunk=0, tracker="test", track=[1, 2], floor=["ground"] * 2, x=[10.0, 3.0], y=[6.0, 9.0],
+        covariance=[(0.1, 0.0, 0.1)] * 2, vx=[0.0] * 2, vy=[0.0] * 2, state=["confirmed", "unseen"], device=[None] * 2,
+        probability=[1.0] * 2, runner_up=[None] * 2, runner_up_probability=[0.0] * 2, former=[[], []],
+        sources=[[], []], quality=[1.0] * 2,
+    )  # fmt: skip
+    assert asked(maps, "visits").map is None
+    assert asked(maps, "visits").words
+    for second in range(100):
+        maps.watch(msgspec.structs.replace(frame, t=float(second)))
+        maps.watch(msgspec.structs.replace(frame, t=float(second), area="elsewhere", x=[1.0, 1.0]))
+    visits = asked(maps, "visits").map
+    assert visits is not None
+    assert sum(1 for row in visits.rows for value in row if value) == 1, "whom no camera sees is no visit"
+    maps.learn(stretch(np.full(8, 52.0)))
+    maps.learn(stretch(np.empty(0)))
+    magnetic = asked(maps, "magnetic").map
+    assert magnetic is not None
+    assert {value for row in magnetic.rows for value in row} == {None, 52.0}
+    assert asked(maps, "shadowing", "ap-1").map is None
+    variance = np.full((6, 12, 20), 9.0)
+    variance[0, 3, 3] = 1.0
+    points = PathLoss.of(site.access_points)
+    model = RadioModel(
+        "hall", points, ShadowingMap(points.names, np.full(2, 0.5), 1.0, np.full((6, 12, 20), 2.0), variance)
+    )
+    maps.activated(RadioModelUpdate(t=0.0, area="hall", version=1, model=pack_radio_model(model)))
+    assert asked(maps, "shadowing", "ap-1").map is not None
+    maps.activated(RadioModelUpdate(t=1.0, area="hall", version=2))
+    assert asked(maps, "shadowing", "ap-1").map is None
+    refused = asked(maps, "radio", "ap-99")
+    assert (refused.done, refused.field, refused.unknown) == (False, "access_point", True)
+    assert asked(maps, None).field == "map"
+    assert maps.map(LearningCommand(do="map", area="elsewhere", map="visits")) is None
+    assert list(maps.propose(0.0, 0.0)) == []
+    again = MapsLearner(site, "hall")
+    again.restore(json.loads(msgspec.json.encode(maps.state())))
+    assert asked(again, "magnetic") == asked(maps, "magnetic")
+
+
+def asked(maps: MapsLearner, kind: MapKind | None, access_point: str | None = None) -> LearningAnswer:
+    answer = maps.map(LearningCommand(do="map", area="hall", map=kind, access_point=access_point))
+    assert answer is not None
+    return answer
+
+
+def stretch(field: np.ndarray) -> Stretch:
+    t = np.arange(8.0)
+    nothing, none = np.empty(0), np.empty(0, np.int64)
+    return Stretch(
+        device="d", track=1, t=t, place=np.full((8, 2), 5.2), covariance=np.tile(np.eye(2), (8, 1, 1)),
+        probability=np.ones(8), seen=np.ones(8, np.bool_), sight=np.ones(8), scan_t=nothing, point=none, level=nothing,
+        scan_place=np.empty((0, 2)), scan_spread=nothing, step_t=t, length=np.ones(8), length_variance=np.ones(8),
+        heading=np.zeros(8), heading_variance=np.ones(8), walk=np.zeros(8, np.int64), field=field,
+    )  # fmt: skip
