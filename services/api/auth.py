@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from starlette.types import ASGIApp, Receive, Send
 from starlette.types import Scope as Connection
 
-from services.api.problems import Problem, problem_response
+from services.api.problems import Problem, ProblemError, problem_response
 from services.api.settings import ApiKey, Scope
 
-__all__ = ["OPEN_PATHS", "SCOPES", "Guard", "Holder", "KeyRing"]
+__all__ = ["OPEN_PATHS", "SCOPES", "Guard", "Holder", "KeyRing", "needs"]
 
 OPEN_PATHS = frozenset({"/", "/docs", "/openapi.json"})
 OPEN_FOLDER = "/static-offline-docs/"
@@ -87,6 +87,26 @@ class Guard:
             return
         headers = {"WWW-Authenticate": 'Bearer realm="atrium"'} if problem.status == 401 else None
         await problem_response(problem, headers)(connection, receive, send)
+
+
+def needs(holder: Holder, scope: Scope) -> None:
+    """Let only keys go on that have one more scope, because what is asked for tells of single phones.
+
+    Raises:
+        ProblemError: this one has not.
+    """
+    if scope not in holder.scopes:
+        raise ProblemError(
+            Problem(
+                type="urn:atrium:forbidden",
+                title="Scope missing",
+                status=403,
+                detail=f"this key may not read {scope}, which tells of single phones",
+                field="Authorization",
+                found=f"a key with the scopes {', '.join(sorted(holder.scopes))}",
+                allowed=f"a key with the scope {scope}, too",
+            )
+        )
 
 
 def _is_open(path: str) -> bool:

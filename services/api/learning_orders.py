@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from collections.abc import Sequence
+from typing import Annotated, Any
 
 import msgspec
 import structlog
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
-from services.api.auth import Holder
+from services.api.auth import Holder, needs
 from services.api.learning_link import LearningLink
 from services.api.learning_replies import LearningDone, RollBack
 from services.api.openapi import documented, errors
 from services.api.problems import Problem, ProblemError
+from shared.keys import is_identifier
 from shared.learning_command import LearningAnswer, LearningCommand
 
 __all__ = ["learning_orders"]
@@ -81,23 +83,43 @@ def learning_orders(link: LearningLink) -> APIRouter:
         return done(order(request, LearningCommand(do="unfreeze")))
 
     @router.get("/export", responses=_BUNDLE | errors(409, 503))
-    def export(request: Request) -> Response:
+    def export(
+        request: Request,
+        personal: Annotated[
+            bool, Query(description="models of people's phones too; needs the scope positions")
+        ] = False,
+    ) -> Response:
         """Take all active models out, for a copy or another museum."""
-        return Response(bytes(order(request, LearningCommand(do="export")).bundle), media_type="application/json")
+        if personal:
+            needs(request.state.holder, "positions")
+        return Response(
+            bytes(order(request, LearningCommand(do="export", personal=personal)).bundle), media_type="application/json"
+        )
 
     @router.post(
         "/import",
         responses=documented(LearningDone, 409, 413, 422, 503),
         openapi_extra=_body(None, {"format": "atrium-models/1"}),
     )
-    async def bring_in(request: Request) -> Response:
-        """Bring in what an export took out; what does not fit this site is refused and changes nothing."""
+    async def bring_in(
+        request: Request,
+        as_site: Annotated[bool, Query(description="models of another site are taken for this one's")] = False,
+        area: Annotated[list[str] | None, Query(description="an area's name there and here, THERE:HERE")] = None,
+        camera: Annotated[list[str] | None, Query(description="a camera's name there and here, THERE:HERE")] = None,
+    ) -> Response:
+        """Bring in what an export took out; it goes live once it wins. What does not fit changes nothing."""
         body = await _read(request, LARGEST_BUNDLE)
         try:
             msgspec.json.decode(body, type=dict[str, msgspec.Raw])
         except msgspec.MsgspecError as reason:
             raise _invalid("body", str(reason), "the JSON object that GET /v1/learning/export answered") from reason
-        command = LearningCommand(do="import", bundle=msgspec.Raw(body))
+        command = LearningCommand(
+            do="import",
+            bundle=msgspec.Raw(body),
+            as_site=as_site,
+            areas=_renamed("area", area or []),
+            cameras=_renamed("camera", camera or []),
+        )
         return done(await run_in_threadpool(order, request, command))
 
     return router
@@ -129,6 +151,14 @@ async def _read(request: Request, most: int) -> bytes:
                 )
             )
     return bytes(body)
+
+
+def _renamed(field: str, pairs: Sequence[str]) -> dict[str, str]:
+    names = dict(pair.split(":", 1) for pair in pairs if pair.count(":") == 1)
+    wrong = [pair for pair in pairs if pair.count(":") != 1 or not all(map(is_identifier, pair.split(":")))]
+    if wrong:
+        raise _invalid(field, wrong[0][:100], "THERE:HERE, the name it had there and the one it has here")
+    return names
 
 
 def _roll_back_of(body: bytes) -> RollBack:

@@ -9,7 +9,7 @@ import msgspec
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
-from services.api.auth import Holder
+from services.api.auth import Holder, needs
 from services.api.learning_link import LearningLink
 from services.api.learning_replies import (
     AccessPointOfArea,
@@ -22,7 +22,7 @@ from services.api.learning_replies import (
     LearningHistory,
 )
 from services.api.openapi import documented
-from services.api.problems import Problem, ProblemError, unknown
+from services.api.problems import unknown
 from shared.learning_report import Activation, AreaLessons, ModelKind
 from shared.site import Site
 
@@ -87,7 +87,7 @@ def learning_reads(site: Site, link: LearningLink) -> APIRouter:
     @router.get("/devices", responses=documented(LearningDevices, 503))
     def devices(request: Request) -> Response:
         """Each phone's stride line, heading bias and radio offset; needs the scope positions too."""
-        _needs(_holder(request), "positions")
+        needs(_holder(request), "positions")
         report = link.report()
         return _json(LearningDevices(t=report.t, devices=report.devices))
 
@@ -134,18 +134,3 @@ def _holder(request: Request) -> Holder:
 
 def _told(history: Sequence[Activation], personal: bool) -> list[Activation]:
     return [row for row in history if personal or row.kind not in PERSONAL]
-
-
-def _needs(holder: Holder, scope: str) -> None:
-    if scope not in holder.scopes:
-        raise ProblemError(
-            Problem(
-                type="urn:atrium:forbidden",
-                title="Scope missing",
-                status=403,
-                detail=f"this key may not read {scope}, which tells of single phones",
-                field="Authorization",
-                found=f"a key with the scopes {', '.join(sorted(holder.scopes))}",
-                allowed=f"a key with the scopes learning and {scope}",
-            )
-        )

@@ -89,7 +89,7 @@ def test_who_may_not_know_who_is_where_learns_nothing_of_single_phones(system: t
     assert phone in json.dumps(get(address, ""))
     for path in ("", "/history"):
         assert phone not in json.dumps(get(address, path, key=SCREEN))
-    assert get(address, "/devices", 403, SCREEN)["allowed"] == "a key with the scopes learning and positions"
+    assert get(address, "/devices", 403, SCREEN)["allowed"] == "a key with the scope positions, too"
     assert len(get(address, "/devices")["devices"]) == 4  # type: ignore[arg-type]
     assert get(address, "", 403, GUIDE)["allowed"] == "a key with the scope learning"
 
@@ -138,6 +138,11 @@ def test_an_operator_rolls_back_freezes_exports_and_imports(system: tuple[str, D
     bundle = get(address, "/export")
     assert post(address, "/import", bundle)["words"] == "0 models brought in"
     assert json.loads(bytes(double.commands[-1].bundle)) == bundle
+    post(address, "/import?as_site=true&area=nave:hall&camera=west:hall-east", bundle)
+    told = double.commands[-1]
+    assert (told.as_site, told.areas, told.cameras) == (True, {"nave": "hall"}, {"west": "hall-east"})
+    get(address, "/export?personal=true")
+    assert double.commands[-1].personal
 
 
 def test_a_key_that_only_reads_changes_nothing(system: tuple[str, Double]) -> None:
@@ -178,6 +183,8 @@ def test_bad_input_names_field_and_what_is_allowed(system: tuple[str, Double]) -
     assert post(address, "/rollback", {"kind": "radio", "subject": "x" * 5000}, 413)["field"] == "body"
     for body in (b"", b"[]", b"{"):
         assert post(address, "/import", body, 422)["field"] == "body"
+    for query, field in (("area=nave", "area"), ("camera=a:b:c", "camera"), ("as_site=perhaps", "as_site")):
+        assert post(address, f"/import?{query}", {}, 422)["field"] == field
     assert post(address, "/import", {"site": "other-site"}, 422)["field"] == "bundle"
     double.refusal = LearningAnswer(done=False, words="there is no older version")
     refused = post(address, "/rollback", {"kind": "radio", "subject": AREA}, 409)
