@@ -9,6 +9,7 @@ from __future__ import annotations
 from fastapi import FastAPI
 from nicegui import ui
 
+from services.dashboard.page_header import header
 from services.dashboard.web_app import STATIC
 
 __all__ = ["add_page"]
@@ -22,7 +23,7 @@ def add_page(app: FastAPI, title: str, can_sign_out: bool) -> None:
         ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
         ui.add_body_html('<script type="module" src="/static/live.js"></script>')
         ui.query(".nicegui-content").classes(replace="atrium-page")
-        _header(title, can_sign_out)
+        header(title, can_sign_out, here="map")
         with ui.element("main").classes("atrium-main"):
             with ui.element("section").classes("atrium-map").props('aria-label="Floor plan"'):
                 ui.html(_MAP, sanitize=False).classes("atrium-map-inner")
@@ -46,15 +47,6 @@ _PANELS = (
     ("phones", "Located phones", "No phone is located now."),
     ("cameras", "Cameras", "This site has no camera."),
 )
-
-
-def _header(title: str, can_sign_out: bool) -> None:
-    with ui.element("header").classes("atrium-header"):
-        ui.html('<span class="atrium-brand">Atrium</span>', sanitize=False)
-        ui.label(title).classes("atrium-site")
-        ui.html('<span id="atrium-status" class="atrium-status">Connecting…</span>', sanitize=False)
-        if can_sign_out:
-            ui.html('<form method="post" action="/logout"><button>Sign out</button></form>', sanitize=False)
 
 
 def _panel(name: str, heading: str, empty: str) -> None:

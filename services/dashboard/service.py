@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from services.dashboard.learning_client import LearningClient
+from services.dashboard.learning_page import add_learning_page
 from services.dashboard.page import add_page
 from services.dashboard.relay import Relay
 from services.dashboard.sessions import AttemptLimit, Sessions
@@ -47,13 +49,21 @@ class DashboardService(Service[DashboardSettings]):
             settings.dashboard_password.get_secret_value(), settings.api_key.get_secret_value(), settings.session_hours
         )
         app = build_web_app(self._relay, sessions, AttemptLimit(), started=self.health.ready.set)
-        add_page(app, title=self.site.name or self.site.site, can_sign_out=not sessions.open)
+        title, can_sign_out = self.site.name or self.site.site, not sessions.open
+        learning = LearningClient(settings.api_url, settings.api_key.get_secret_value())
+        add_learning_page(learning, title, can_sign_out, self._access_points())
+        add_page(app, title, can_sign_out)
         serve(app, settings.dashboard_host, settings.dashboard_port, self.stopping)
 
     def stop(self) -> None:
         """End the browsers' streams first: the server waits for them."""
         self._relay.stop()
         super().stop()
+
+    def _access_points(self) -> dict[str, list[str]]:
+        """By area, the access points on its floor."""
+        points = self.site.access_points
+        return {area.id: [point.id for point in points if point.floor == area.floor] for area in self.site.areas}
 
     def _told(self, problem: str | None) -> None:
         if problem is None:

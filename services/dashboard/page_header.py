@@ -1,0 +1,33 @@
+"""What stands on top of every page: whose site it is, the way to the other page, and the way out."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+__all__ = ["header"]
+
+PAGES = {"map": ("/", "Live map"), "learning": ("/learning", "Learning")}
+
+
+def header(title: str, can_sign_out: bool, here: str) -> None:
+    """Draw it.
+
+    Args:
+        title: name of the site.
+        can_sign_out: whether people signed in.
+        here: which of ``PAGES`` this is; the live map tells its status here, too.
+    """
+    with ui.element("header").classes("atrium-header"):
+        ui.html('<span class="atrium-brand">Atrium</span>', sanitize=False)
+        ui.label(title).classes("atrium-site")
+        links = "".join(
+            f'<a href="{address}"{" aria-current=page" if name == here else ""}>{words}</a>'
+            for name, (address, words) in PAGES.items()
+        )
+        ui.html(f'<nav aria-label="Pages">{links}</nav>', sanitize=False).classes("atrium-nav")
+        if here == "map":
+            status = '<span id="atrium-status" class="atrium-status">Connecting…</span>'
+            ui.html(status, sanitize=False).classes("atrium-told")
+        if can_sign_out:
+            out = '<form method="post" action="/logout"><button>Sign out</button></form>'
+            ui.html(out, sanitize=False).classes("atrium-out")
