@@ -1,0 +1,121 @@
+"""One area's stretches: assembled as its messages come, judged, counted by why they may not teach."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Mapping
+from typing import Protocol
+
+import numpy as np
+
+from services.learning.report_draft import ReportDraft, Telling
+from services.learning.tracks.assembler import StretchAssembler
+from services.learning.tracks.stretch import Stretch
+from services.learning.tracks.verdict import Verdict
+from shared.erased import Erased
+from shared.learning_report import TrackLessons
+from shared.messages import DetectionFrame, Message, MotionBatch, RadioScan, Revision, TrackFrame
+
+__all__ = ["AreaTracks", "Judge", "Sight"]
+
+REMEMBERED = 500
+"""Verdicts the report counts."""
+
+Judge = Callable[[Stretch], Verdict]
+
+
+class Sight(Protocol):
+    """What cameras said for each track: nats, detection by detection."""
+
+    def take(self, frame: DetectionFrame) -> None:
+        """Take in what one camera saw."""
+        ...
+
+    def score(self, frame: TrackFrame) -> Mapping[int, float]:
+        """Return the nats by which cameras spoke for each track of a frame since the frame before."""
+        ...
+
+
+class AreaTracks:
+    """One area.
+
+    Args:
+        area: its id.
+        cameras: whose detections are its own.
+        assembler: makes stretches.
+        judge: says whether one may teach.
+        sight: scores tracks by detections; None: nobody asks for it.
+    """
+
+    def __init__(
+        self,
+        area: str,
+        cameras: Collection[str],
+        assembler: StretchAssembler,
+        judge: Judge,
+        sight: Sight | None = None,
+    ) -> None:
+        self.area = area
+        self.t = -math.inf
+        """Of the newest frame: the sensors' time."""
+        self.taught = -math.inf
+        """When the last good stretch ended."""
+        self._cameras = frozenset(cameras)
+        self._assembler = assembler
+        self._judge = judge
+        self._sight = sight
+        self._verdicts: deque[Verdict] = deque(maxlen=REMEMBERED)
+
+    def take(self, message: Message, erased: Erased) -> bool:
+        """Take in a message if it is of this area; whether it is."""
+        match message:
+            case TrackFrame() if message.area == self.area:
+                frame = erased.from_tracks(message)
+                self._assembler.take_frame(frame, None if self._sight is None else self._sight.score(frame))
+                self.t = frame.t
+            case Revision() if message.area == self.area:
+                self._assembler.take_revision(erased.from_revision(message))
+            case DetectionFrame() if message.camera in self._cameras:
+                if self._sight is not None:
+                    self._sight.take(message)
+            case RadioScan():
+                self._assembler.take_scan(message)
+            case MotionBatch():
+                self._assembler.take_motion(message)
+            case _:
+                return False
+        return True
+
+    def close(self) -> list[Stretch]:
+        """Return the stretches that ended and may teach, in order of device and time."""
+        good = []
+        for stretch in self._assembler.close():
+            verdict = self._judge(stretch)
+            self._verdicts.append(verdict)
+            if verdict.good:
+                good.append(stretch)
+                self.taught = max(self.taught, float(stretch.t[-1]))
+        return good
+
+    def forget(self, device: str) -> None:
+        """Forget a device whose owner withdrew consent."""
+        self._assembler.forget(device)
+
+    def tell(self, draft: ReportDraft) -> None:
+        """Add to the report how many stretches were good, and why the others were not."""
+        rates = [verdict.rate for verdict in self._verdicts if verdict.good]
+        refused = Counter(verdict.reason for verdict in self._verdicts if not verdict.good)
+        quality = float(np.median(rates)) if rates else None
+        draft.area(
+            self.area,
+            tracks=TrackLessons(
+                good=len(rates),
+                refused=dict(refused.most_common()),
+                threshold=getattr(self._judge, "threshold", None),
+                quality=quality,
+            ),
+        )
+        for part in (self._judge, self._sight):
+            if isinstance(part, Telling):
+                part.tell(draft)

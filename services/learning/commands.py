@@ -1,0 +1,152 @@
+"""What an operator orders, carried out and answered in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
+
+import msgspec
+
+from services.learning.activation.bundle import BundleError, Renaming, pack, unpack
+from services.learning.activation.store import Decided, NoSuchModelError, StoredModel
+from services.learning.loop import LearningLoop
+from shared.learning_command import LearningAnswer, LearningCommand, ModelLine
+from shared.site import Site
+
+__all__ = ["Commands", "MapKeeping"]
+
+_decoder = msgspec.json.Decoder(LearningCommand)
+
+
+@runtime_checkable
+class MapKeeping(Protocol):
+    """A learner that keeps maps of an area; none has to."""
+
+    def map(self, command: LearningCommand) -> LearningAnswer | None:
+        """Answer an order for a map of this learner's; None where it is for another one."""
+        ...
+
+
+class _RefusedError(ValueError):
+    """An order is not carried out; ``field`` of it is to blame."""
+
+    def __init__(self, words: str, field: str, *, unknown: bool = False) -> None:
+        super().__init__(words)
+        self.answer = LearningAnswer(done=False, words=words, field=field, unknown=unknown)
+
+
+class Commands:
+    """Carries out orders; in the loop's thread.
+
+    Args:
+        loop: what is ordered about.
+        site: whose models.
+    """
+
+    def __init__(self, loop: LearningLoop, site: Site) -> None:
+        self._loop = loop
+        self._site = site
+
+    def answer(self, payload: bytes, now: float) -> bytes:
+        """Return the answer to an order in JSON, once it is carried out or refused."""
+        try:
+            answer = self._carry_out(_decoder.decode(payload), now)
+        except msgspec.DecodeError as error:
+            answer = LearningAnswer(done=False, words=f"not understood: {error}")
+        except _RefusedError as error:
+            answer = error.answer
+        return msgspec.json.encode(answer)
+
+    def _carry_out(self, command: LearningCommand, now: float) -> LearningAnswer:
+        store = self._loop.store
+        match command.do:
+            case "list":
+                return self._list(store.models())
+            case "freeze" | "unfreeze":
+                frozen = command.do == "freeze"
+                store.freeze(frozen)
+                off = "nothing goes live any more until it is unfrozen; candidates are tried and told of all the same"
+                return LearningAnswer(done=True, words=off if frozen else "models that win go live again")
+            case "export":
+                live = store.all_active()
+                document = pack(live, self._site.site, now, personal=command.personal)
+                return LearningAnswer(done=True, words=f"{len(live)} models are live", bundle=msgspec.Raw(document))
+            case "import":
+                return self._import(command, now)
+            case "rollback" | "activate":
+                return self._switch(command, now)
+            case "map":
+                return self._map(command)
+
+    def _list(self, models: Sequence[StoredModel]) -> LearningAnswer:
+        lines = [
+            ModelLine(
+                kind=one.kind,
+                subject=one.subject,
+                version=one.version,
+                state=one.state,
+                t=one.decided,
+                probation=one.probation,
+                reason=one.reason,
+            )
+            for one in models
+        ]
+        frozen = "; activation is frozen" if self._loop.store.frozen else ""
+        live = sum(one.state == "active" for one in models)
+        return LearningAnswer(done=True, words=f"{len(models)} models, {live} of them live{frozen}", models=lines)
+
+    def _switch(self, command: LearningCommand, now: float) -> LearningAnswer:
+        if command.kind is None:
+            raise _RefusedError("kind: is missing; allowed: radio, detector, stride, heading, alignment", "kind")
+        if command.subject is None:
+            raise _RefusedError("subject: is missing; allowed: an area, a camera or a device", "subject")
+        who = f" ({command.by})" if command.by else ""
+        try:
+            if command.do == "rollback":
+                model = self._loop.roll_back(command.kind, command.subject, now, f"ordered by hand{who}")
+                words = f"{command.kind} of {command.subject} is back at what it was, now version {model.version}"
+            else:
+                model = self._by_hand(command, now, who)
+                words = f"{command.kind} of {command.subject} is live as version {model.version}, untried"
+        except NoSuchModelError as error:
+            field = str(error).partition(":")[0]
+            raise _RefusedError(str(error), field, unknown=True) from error
+        return LearningAnswer(done=True, words=words, version=model.version)
+
+    def _by_hand(self, command: LearningCommand, now: float, who: str) -> StoredModel:
+        if command.kind is None or command.subject is None or command.version is None:
+            raise _RefusedError("version: is missing; allowed: one that `list` tells", "version")
+        stored = self._loop.store.get(command.kind, command.subject, command.version)
+        if stored.state == "active":
+            raise _RefusedError(f"version: {stored.version} is live already; allowed: another one", "version")
+        return self._loop.put_live(stored, now, f"activated by hand, untried{who}")
+
+    def _import(self, command: LearningCommand, now: float) -> LearningAnswer:
+        names = Renaming(command.as_site, command.areas, command.cameras)
+        try:
+            incoming = unpack(bytes(command.bundle), self._site, names)
+        except BundleError as error:
+            raise _RefusedError(str(error), error.field) from error
+        who = f" ({command.by})" if command.by else ""
+        taken = self._loop.store.take_in_all(
+            [(one.model, one.kind, one.subject, one.area) for one in incoming],
+            [Decided(now, now, one.reason + who, evidence=one.evidence, by="operator") for one in incoming],
+        )
+        if command.force:
+            for model in taken:
+                self._loop.put_live(model, now, f"{model.reason}; activated by hand, untried")
+        fate = "live now, untried" if command.force else "live once they win against what is (`atrium models list`)"
+        told = ", ".join(f"{model.kind} of {model.subject}" for model in taken)
+        return LearningAnswer(done=True, words=f"{len(taken)} models taken in, {fate}: {told}")
+
+    def _map(self, command: LearningCommand) -> LearningAnswer:
+        known = list(self._loop.areas)
+        if command.area not in known:
+            words = f"area: found {command.area!r}; allowed: {', '.join(known)}"
+            raise _RefusedError(words, "area", unknown=command.area is not None)
+        for lesson in self._loop.lessons:
+            if isinstance(lesson.learner, MapKeeping) and command.area in lesson.areas:
+                answer = lesson.learner.map(command)
+                if answer is not None:
+                    return answer
+        return LearningAnswer(done=True, words="no such map is learned here yet")

@@ -1,0 +1,35 @@
+"""A learner in its place: under which name it is kept, and whose stretches it is given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from services.learning.proposal import Learner
+from shared.messages import Message
+
+__all__ = ["Lesson", "Watching"]
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """A learner and where it learns.
+
+    Attributes:
+        name: under which its state is kept; no other lesson has it.
+        learner: a pure state machine.
+        areas: ids of the areas whose good stretches teach it; a phone's stride is learned in all of them.
+    """
+
+    name: str
+    learner: Learner
+    areas: frozenset[str]
+
+
+@runtime_checkable
+class Watching(Protocol):
+    """A learner that wants messages beside stretches: frames, detections. None has to."""
+
+    def watch(self, message: Message) -> None:
+        """Take in a message of its areas, in the order in which it came; must be quick."""
+        ...

@@ -1,0 +1,1 @@
+"""Schema versions of learning's tables (Alembic)."""

@@ -1,0 +1,163 @@
+"""Models as rows: one decision, one transaction; what is live is never in doubt."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+from learning_models import power_of, radio, stride
+from sqlalchemy import Engine, event, inspect
+from sqlalchemy.orm import Session
+
+from services.learning.activation.database import SCHEMA, in_memory, migrate, open_learning
+from services.learning.activation.store import KEPT_MODELS, Decided, ModelStore, NoSuchModelError
+from services.learning.activation.tables import Base, ModelRow
+from shared.messages import RadioModelUpdate, StrideModel
+from shared.runner import ServiceError
+
+
+@pytest.fixture
+def engine(tmp_path: Path) -> Engine:
+    url = f"sqlite:///{tmp_path / 'learning.db'}"
+    migrate(url)
+    return open_learning(url)
+
+
+@pytest.fixture
+def store(engine: Engine) -> ModelStore:
+    return ModelStore(engine)
+
+
+def how(t: float = 100.0, reason: str = "wins", **more: object) -> Decided:
+    return Decided(t, t - 5.0, reason, **more)  # type: ignore[arg-type]
+
+
+def activate(store: ModelStore, power: float, t: float = 100.0) -> int:
+    return store.activate(radio(power=power), "radio", "hall", "hall", how(t)).version
+
+
+def test_the_migration_makes_the_very_tables_the_program_uses(engine: Engine) -> None:
+    made = inspect(engine)
+    for table in Base.metadata.sorted_tables:
+        columns = {column["name"]: column["nullable"] for column in made.get_columns(table.name)}
+        assert columns == {column.name: column.nullable for column in table.columns}, table.name
+    assert "alembic_version_learning" in made.get_table_names()
+    assert SCHEMA.problem(engine) is None
+    assert "has no learning tables: run `atrium migrate` first" in str(SCHEMA.problem(open_learning("sqlite://")))
+
+
+def test_a_database_that_cannot_be_used_is_named_with_its_setting() -> None:
+    with pytest.raises(ServiceError, match="learning_database_url: .*allowed: sqlite:///FILE"):
+        open_learning("nonsense")
+
+
+def test_a_model_that_goes_live_is_numbered_and_the_one_before_is_superseded(store: ModelStore) -> None:
+    assert store.active("radio", "hall") is None
+    assert [activate(store, -40.0), activate(store, -41.0, 200.0)] == [1, 2]
+    live = store.active("radio", "hall")
+    assert live is not None
+    assert (live.version, live.replaced, live.probation, live.decided, live.since) == (2, 1, True, 200.0, 195.0)
+    assert isinstance(live.model, RadioModelUpdate)
+    assert (live.model.version, live.model.t, live.model.reason) == (2, 200.0, "wins")
+    assert [(one.version, one.state) for one in store.models()] == [(2, "active"), (1, "superseded")]
+    assert power_of(store.before(live)) == -40.0
+
+
+def test_a_roll_back_is_a_new_version_of_the_model_before_and_the_next_goes_one_further(store: ModelStore) -> None:
+    for power in (-40.0, -41.0, -42.0):
+        activate(store, power)
+    assert power_of(store.roll_back("radio", "hall", how(300.0, "worse")).model) == -41.0
+    back = store.roll_back("radio", "hall", how(400.0, "worse still", by="operator"))
+    assert (back.version, power_of(back.model), back.probation) == (5, -40.0, False)
+    configured = store.roll_back("radio", "hall", how(500.0, "all of it"))
+    assert (configured.version, power_of(configured.model)) == (6, None)
+    told = store.history()
+    assert [one.decision for one in told] == ["rolled back"] * 3 + ["activated"] * 3
+    assert (told[1].by, told[1].reason) == ("operator", "worse still")
+
+
+def test_without_a_live_model_a_roll_back_says_what_there_is(store: ModelStore) -> None:
+    activate(store, -40.0)
+    with pytest.raises(NoSuchModelError, match="no radio model of 'east' is active; allowed: hall"):
+        store.roll_back("radio", "east", how())
+
+
+def test_what_takes_a_stride_back_is_the_line_of_nobody(store: ModelStore) -> None:
+    store.activate(stride(), "stride", "d-1", "hall", how())
+    back = store.roll_back("stride", "d-1", how())
+    assert isinstance(back.model, StrideModel)
+    assert (back.model.slope, back.model.offset, back.model.version) == (0.0, 0.0, 2)
+
+
+def test_a_refused_model_keeps_its_number_and_does_not_go_live(store: ModelStore) -> None:
+    evidence = {"gain": 0.1, "nothing": float("nan")}
+    refused = store.refuse(radio(), "radio", "hall", "hall", how(evidence=evidence, gain=-0.1, margin=0.01))
+    assert (refused.version, refused.state) == (1, "refused")
+    assert store.active("radio", "hall") is None
+    assert activate(store, -40.0) == 2
+    told = store.history()[-1]
+    assert (told.decision, told.gain, told.margin, told.evidence) == ("refused", -0.1, 0.01, {"gain": 0.1})
+
+
+def test_history_and_models_are_bounded_and_the_way_back_is_kept(store: ModelStore) -> None:
+    activate(store, -40.0)
+    activate(store, -41.0)
+    for number in range(2 * KEPT_MODELS):
+        store.refuse(radio(power=-50.0 - number), "radio", "hall", "hall", how())
+    versions = {one.version: one.state for one in store.models()}
+    assert versions[2] == "active"
+    assert versions[1] == "superseded"
+    assert len(versions) <= KEPT_MODELS
+    assert power_of(store.roll_back("radio", "hall", how()).model) == -40.0
+
+
+def test_a_decision_that_fails_half_way_leaves_nothing(engine: Engine, store: ModelStore) -> None:
+    activate(store, -40.0)
+
+    @event.listens_for(engine, "before_cursor_execute")
+    def fail(_c: object, _cursor: object, statement: str, *_: object) -> None:
+        if statement.startswith("INSERT INTO learning_decisions"):
+            raise OSError("the disk is full")
+
+    with pytest.raises(OSError, match="full"):
+        activate(store, -41.0)
+    event.remove(engine, "before_cursor_execute", fail)
+    assert [(one.version, one.state) for one in store.models()] == [(1, "active")]
+    assert len(store.history()) == 1
+    assert activate(store, -41.0) == 2
+
+
+def test_a_restart_finds_models_decisions_states_and_the_switch(engine: Engine, store: ModelStore) -> None:
+    activate(store, -40.0)
+    store.save_states({"radio/hall": b'{"n":1}'}, 5.0)
+    store.save_states({"radio/hall": b'{"n":2}'}, 6.0)
+    store.freeze(True)
+    again = ModelStore(open_learning(engine.url.render_as_string()))
+    assert [power_of(one.model) for one in again.all_active()] == [-40.0]
+    assert again.states() == {"radio/hall": b'{"n":2}'}
+    assert again.frozen
+    again.freeze(False)
+    assert not store.frozen
+
+
+def test_a_row_that_cannot_be_read_any_more_is_left_out(engine: Engine, store: ModelStore) -> None:
+    activate(store, -40.0)
+    with Session(engine) as session, session.begin():
+        session.query(ModelRow).update({"payload": b"{}"})
+    assert store.all_active() == []
+    assert store.active("radio", "hall") is None
+
+
+def test_an_erased_phone_leaves_no_row(store: ModelStore) -> None:
+    for device in ("d-1", "d-2"):
+        store.activate(stride(device), "stride", device, "hall", how())
+    activate(store, -40.0)
+    store.forget("d-1")
+    left = msgspec.json.encode([msgspec.to_builtins(one.model) for one in store.models()])
+    assert b"d-1" not in left + msgspec.json.encode(store.history())
+    assert [(one.kind, one.subject) for one in store.all_active()] == [("radio", "hall"), ("stride", "d-2")]
+
+
+def test_an_experiment_keeps_its_models_in_memory() -> None:
+    store = ModelStore(in_memory())
+    assert activate(store, -40.0) == 1
+    assert [one.version for one in store.all_active()] == [1]
