@@ -1,0 +1,143 @@
+"""What does each lesson gain? The study's ladder: as found, + detector, + radio, + stride [ravel-thesis §11.4].
+
+In every split the training part teaches, through the tracks of the tracker that is tested and without truth; then a
+fresh tracker of the same kind runs over the test part, with what was learned so far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.fusion_run import run_fusion
+from benchmarks.learning_adapter import detection_score, learned_radio, learned_strides
+from benchmarks.learning_checks import radio_residual, stride_errors, true_run
+from benchmarks.learning_detections import Seen, with_detections
+from benchmarks.learning_splits import Split, part_of
+from benchmarks.learning_stretches import stretches_of
+from benchmarks.learning_strides import with_strides
+from benchmarks.position_error import centre_of, window_rmse
+from benchmarks.track_reading import named_positions
+from benchmarks.world_record import WorldRecord
+from services.fusion.area_view import AreaView
+from services.fusion.registry import DEFAULT_TRACKER
+
+__all__ = ["RATES", "STAGES", "TRACKERS", "Climb", "RateCurve", "Rung", "climb", "climb_split", "rate_curve"]
+
+Array = NDArray[np.float64]
+
+STAGES = ("none", "detector", "radio", "all")
+TRACKERS = {DEFAULT_TRACKER: "", "rbmcda": "_rbmcda"}
+"""With the suffix of their figures."""
+RATES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
+"""Per second, of the cameras' backgrounds."""
+LOOK_BACK = 300.0
+"""Seconds at the end of the training part on which rates are compared: as much as a camera remembers."""
+FINDING_OUT = 60.0
+"""Seconds at their beginning that do not count: who is who is still found out."""
+
+
+@dataclass(frozen=True)
+class RateCurve:
+    """How good each rate is, on the end of one training part.
+
+    Attributes:
+        score: (r,) nats per withheld reading; no truth is in it.
+        rmse: (r,) metres, median over people and minutes, for the picture only.
+        chosen: place of the rate with the best score.
+    """
+
+    score: Array
+    rmse: Array
+    chosen: int
+
+
+@dataclass(frozen=True)
+class Rung:
+    """What one split gives one tracker.
+
+    Attributes:
+        errors: (w,) metres by stage, one per person and minute of the test part.
+        learned: (n,) dB, heard minus foretold by the learned radio model at true places of the test part.
+        fitted: (n,) dB, the same of a model fitted to the training part's true places.
+        strides: (d,) share by which each learned stride is wrong in the test part.
+    """
+
+    errors: Mapping[str, Array]
+    learned: Array
+    fitted: Array
+    strides: Array
+
+
+@dataclass(frozen=True)
+class Climb:
+    """All splits of one area: a curve for each, and a rung for each by tracker."""
+
+    curves: Sequence[RateCurve]
+    rungs: Mapping[str, Sequence[Rung]]
+
+
+def rate_curve(record: WorldRecord, seen: Sequence[Seen], split: Split) -> RateCurve:
+    """Return how each rate's detections do on the end of the training part of a split."""
+    end = part_of(record, max(split.turn - LOOK_BACK, split.start), split.turn)
+    view = AreaView.of(record.site, record.area)
+    judged = part_of(end, max(split.turn - LOOK_BACK, split.start) + FINDING_OUT, split.turn)
+    score, rmse = [], []
+    for other in seen:
+        tried = with_detections(end, other)
+        score.append(detection_score(tried, DEFAULT_TRACKER, view))
+        tracks = run_fusion(tried, DEFAULT_TRACKER, view=view).frames
+        errors = window_rmse(judged.truth, named_positions(judged.truth, tracks), centre_of(record.view)).rmse
+        rmse.append(float(np.nanmedian(errors)))
+    return RateCurve(np.array(score), np.array(rmse), int(np.argmax(score)))
+
+
+def climb(record: WorldRecord, seen: Sequence[Seen], splits: Sequence[Split]) -> Climb:
+    """Return the errors of each tracker at each stage over all splits of one area.
+
+    Args:
+        record: the whole run as configured.
+        seen: what its cameras see with each of ``RATES``.
+        splits: of the run.
+    """
+    curves = [rate_curve(record, seen, split) for split in splits]
+    chosen = [seen[curve.chosen] for curve in curves]
+    rungs = {
+        tracker: [climb_split(record, other, split, tracker) for other, split in zip(chosen, splits, strict=True)]
+        for tracker in TRACKERS
+    }
+    return Climb(curves, rungs)
+
+
+def climb_split(record: WorldRecord, seen: Seen, split: Split, tracker: str) -> Rung:
+    """Return what one split gives one tracker, with detections as its training part chose them."""
+    found = AreaView.of(record.site, record.area)
+    training = with_detections(part_of(record, split.start, split.turn), seen)
+    test = part_of(record, split.turn, split.end)
+    better = with_detections(test, seen)
+    run = run_fusion(training, tracker, view=found)
+    view = learned_radio(training, run, found)
+    strides = learned_strides(stretches_of(training, run))
+    stages = {
+        "none": (test, found),
+        "detector": (better, found),
+        "radio": (better, view),
+        "all": (with_strides(better, strides), view),
+    }
+    errors = {stage: _errors(part, tracker, known) for stage, (part, known) in stages.items()}
+    return Rung(
+        errors=errors,
+        learned=radio_residual(test, view),
+        fitted=radio_residual(test, learned_radio(training, true_run(training), found)),
+        strides=stride_errors(test, strides),
+    )
+
+
+def _errors(record: WorldRecord, tracker: str, view: AreaView) -> Array:
+    tracks = run_fusion(record, tracker, view=view).frames
+    errors = window_rmse(record.truth, named_positions(record.truth, tracks), centre_of(record.view)).rmse
+    known: Array = errors[np.isfinite(errors)]
+    return known
