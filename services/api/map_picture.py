@@ -21,10 +21,10 @@ CIVIDIS = ("#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a
 BLUE_ORANGE = (
     "#2d3f8f", "#4f6bb5", "#8098cf", "#b3c1e3", "#dfe4f0", "#f6e3cc", "#f2c48c", "#e59c49", "#c8741a", "#96520c",
 )  # fmt: skip
-WIDTH = 960.0
+WIDTH = 720.0
 """Pixels; the height follows the plan."""
 MARGIN = 16.0
-LEGEND = 62.0
+LEGEND = 68.0
 HIGHEST = 2.5
 """Times the width."""
 FINE = 3.0
@@ -67,7 +67,7 @@ def map_svg(grid: MapGrid, floor: Floor, access_points: Sequence[AccessPoint]) -
     low, top = _range(grid.kind, known)
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:.0f} {height:.0f}" role="img" '
-        f'font-family="system-ui, sans-serif" font-size="15"><title>{html.escape(title)}</title>',
+        f'font-family="system-ui, sans-serif" font-size="17"><title>{html.escape(title)}</title>',
         f'<rect width="{WIDTH:.0f}" height="{height:.0f}" fill="#fff"/>',
         f'<path d="{_ring(floor.outline, place)}" fill="#eef1f5"/>',
     ]
@@ -156,7 +156,7 @@ def _level(value: float, low: float, top: float, count: int) -> int:
 def _legend(grid: MapGrid, low: float, top: float, known: bool, y: float) -> list[str]:
     text = '<text x="{x:.0f}" y="{y:.0f}" fill="#26323f"{more}>{words}</text>'
     box = (
-        '<rect x="{x:.0f}" y="{y:.0f}" width="{w:.0f}" height="14" fill="{colour}" stroke="#8a94a0" stroke-width=".5"/>'
+        '<rect x="{x:.0f}" y="{y:.0f}" width="{w:.0f}" height="16" fill="{colour}" stroke="#8a94a0" stroke-width=".5"/>'
     )
     if not known:
         return [text.format(x=MARGIN, y=y + 12, more="", words="Nothing is known of this area yet.")]
@@ -164,8 +164,8 @@ def _legend(grid: MapGrid, low: float, top: float, known: bool, y: float) -> lis
         words = (("#96520c", "blocked"), ("#dbe7f3", "walked on"), ("#eef1f5", "not known yet"))
         parts = []
         for number, (colour, word) in enumerate(words):
-            x = MARGIN + 170.0 * number
-            parts += [box.format(x=x, y=y, w=26, colour=colour), text.format(x=x + 34, y=y + 13, more="", words=word)]
+            x = MARGIN + 190.0 * number
+            parts += [box.format(x=x, y=y, w=26, colour=colour), text.format(x=x + 34, y=y + 14, more="", words=word)]
         return parts
     colours = _palette(grid.kind)
     wide = 36.0
@@ -174,8 +174,8 @@ def _legend(grid: MapGrid, low: float, top: float, known: bool, y: float) -> lis
     few, many = _WORDS[grid.kind]
     digits = 0 if top - low >= FINE else 1 if top - low >= 0.1 * FINE else 2
     first, last = f"{low:.{digits}f} ({few})", f"{top:.{digits}f} {grid.unit} ({many})"
-    parts.append(text.format(x=MARGIN, y=y + 32, more="", words=html.escape(first)))
-    parts.append(text.format(x=end, y=y + 32, more=' text-anchor="end"', words=html.escape(last)))
+    parts.append(text.format(x=MARGIN, y=y + 34, more="", words=html.escape(first)))
+    parts.append(text.format(x=end, y=y + 34, more=' text-anchor="end"', words=html.escape(last)))
     parts.append(box.format(x=end + 24, y=y, w=26, colour="#eef1f5"))
-    parts.append(text.format(x=end + 58, y=y + 13, more="", words="not known yet"))
+    parts.append(text.format(x=end + 58, y=y + 14, more="", words="not known yet"))
     return parts

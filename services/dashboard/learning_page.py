@@ -8,15 +8,16 @@ from typing import Any
 from nicegui import ui
 
 from services.dashboard import learning_words as words
+from services.dashboard.choice import Choice
 from services.dashboard.learning_charts import path_loss_chart, score_chart, stride_chart
 from services.dashboard.learning_client import LearningClient, LearningView, NoAnswer
 from services.dashboard.page_header import header
 
 __all__ = ["add_learning_page"]
 
-EVERY = 5.0
+EVERY = 3.0
 """Seconds between two looks."""
-PICTURE_EVERY = 6
+PICTURE_EVERY = 10
 """Looks between two of the same map."""
 MAPS = {
     "visits": "Where people walk",
@@ -79,7 +80,7 @@ class _Page:
             self._slot("now")
             with ui.element("div").classes("orders") as self._orders:
                 self._freeze = ui.button("Freeze", on_click=self._ask_freeze).props("no-caps outline")
-                self._models = ui.select({}, label="Model").props("outlined dense").classes("models")
+                self._models = Choice("Model")
                 self._back = ui.button("Roll back…", on_click=self._ask_back).props("no-caps outline")
             self._orders.set_visibility(False)
 
@@ -101,13 +102,12 @@ class _Page:
         with ui.element("section").props('aria-labelledby="maps-heading"'):
             ui.html('<h2 id="maps-heading">Maps</h2>', sanitize=False)
             with ui.element("div").classes("orders"):
-                first = next(iter(self._areas), None)
-                self._area = ui.select(list(self._areas), label="Area", value=first, on_change=self._choose_area)
-                self._kind = ui.select(MAPS, label="Map", value="visits", on_change=self._draw)
-                self._point = ui.select([], label="Access point", on_change=self._draw)
-                for chooser in (self._area, self._kind, self._point):
-                    chooser.props("outlined dense")
-                self._area.set_visibility(len(self._areas) > 1)
+                self._area = Choice("Area", self._choose_area)
+                self._kind = Choice("Map", self._draw)
+                self._point = Choice("Access point", self._draw)
+                self._area.offer({area: area for area in self._areas})
+                self._kind.offer(MAPS)
+                self._area.show(len(self._areas) > 1)
             self._slot("map")
         self._fill_points()
 
@@ -158,13 +158,9 @@ class _Page:
         for row in report.history:
             if row.decision != "refused":
                 live.setdefault(f"{row.kind}/{row.subject}", f"{row.kind} of {row.subject}, version {row.version}")
-        if self._shown.get("models") != live:
-            self._shown["models"] = live
-            self._models.set_options(
-                live, value=self._models.value if self._models.value in live else next(iter(live), None)
-            )
-        for element in (self._models, self._back):
-            element.set_visibility(bool(live))
+        self._models.offer(live)
+        self._models.show(bool(live))
+        self._back.set_visibility(bool(live))
 
     def _fill(self, name: str, content: str) -> None:
         if self._shown.get(name) != content:
@@ -183,8 +179,7 @@ class _Page:
             chart.update()
 
     def _fill_points(self) -> None:
-        points = self._areas.get(self._area.value or "", [])
-        self._point.set_options(points, value=points[0] if points else None)
+        self._point.offer({point: point for point in self._areas.get(self._area.value or "", [])})
 
     async def _choose_area(self) -> None:
         self._fill_points()
@@ -193,7 +188,7 @@ class _Page:
     async def _draw(self) -> None:
         """Show the chosen map, or why there is none."""
         area, kind = self._area.value, self._kind.value
-        self._point.set_visibility(kind in OF_POINT)
+        self._point.show(kind in OF_POINT)
         if area is None or kind is None:
             return
         try:

@@ -53,10 +53,10 @@ def summary(report: LearningReport) -> str:
         lines.append("<strong>Frozen by hand:</strong> what is learned does not go live until somebody unfreezes it.")
     for area in report.areas:
         lines.append(f"<strong>Area {escape(area.area)}:</strong> {_sentence(area)}")
-        lines += [f"{_state(fit.state)} {escape(fit.access_point)}: {escape(fit.words)}" for fit in _odd(area)]
+        lines += [_warning(fit.access_point, fit.state, fit.words) for fit in _odd(area)]
     for camera in report.cameras:
         if camera.words or camera.alignment in ("doubtful", "knocked"):
-            lines.append(f"{_state(camera.alignment)} {escape(camera.camera)}: {escape(camera.words or 'look at it')}")
+            lines.append(_warning(camera.camera, camera.alignment, camera.words or "look whether it still hangs right"))
     if not lines:
         return NOTHING.format(words="Learning has just started: nobody with a phone has walked yet.")
     return '<ul class="now">' + "".join(f"<li>{line}</li>" for line in lines) + "</ul>"
@@ -167,6 +167,11 @@ def moment(t: float) -> str:
     return f'<time data-t="{t:.0f}"></time>'
 
 
+def _warning(subject: str, state: str, words: str) -> str:
+    sign = f'<span class="state {_TONES.get(state, "")}"><b aria-hidden="true">{_SIGNS[state]}</b></span>'
+    return f"{sign} <strong>{escape(subject)}</strong> ({state}): {escape(words)}"
+
+
 def _sentence(area: AreaLessons) -> str:
     if area.words:
         return escape(area.words)
@@ -201,7 +206,7 @@ def _residual(fit: AccessPointFit) -> str:
         f'<rect x="{left:.1f}" y="4" width="{right - left:.1f}" height="6" rx="3" fill="#0072b2" opacity=".35"/>'
         f'<circle cx="{at(fit.bias):.1f}" cy="7" r="4" fill="#0072b2"/></svg>'
     )
-    return f"{bar} {_number(fit.bias, 1, signed=True)} ± {fit.sigma:.1f}"
+    return f"{bar} <span>{_number(fit.bias, 1, signed=True)} ± {fit.sigma:.1f}</span>"
 
 
 def _place(fit: AccessPointFit) -> str:
