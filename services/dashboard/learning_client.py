@@ -27,6 +27,10 @@ class LearningView(LearningReport, frozen=True, kw_only=True):
     """Whether the dashboard's key may roll back and freeze."""
 
 
+class _Done(msgspec.Struct):
+    words: str
+
+
 class NoAnswer(RuntimeError):  # noqa: N818 - told to people, no fault of this program
     """Why there is nothing to show, in plain words."""
 
@@ -84,7 +88,10 @@ class LearningClient:
         """
         answer = await self._send("POST", f"/{what}", content=msgspec.json.encode(body))
         self._asked = -KEPT
-        return str(answer.json()["words"])
+        try:
+            return msgspec.json.decode(answer.content, type=_Done).words
+        except msgspec.MsgspecError as error:
+            raise NoAnswer("The API's answer was not understood; do both have the same version?") from error
 
     async def _send(self, method: str, path: str, **more: Any) -> httpx.Response:
         try:
