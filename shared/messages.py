@@ -155,7 +155,7 @@ class MotionBatch(Message, frozen=True, kw_only=True):
     """Where the heading is one of two (which side a phone is turned to, front or back of a pocket): the other one."""
     other_probability: list[Probability] = []
     """Of ``other_heading`` being right."""
-    field: list[float] = []
+    magnetic: list[float] = []
     """µT, strength of the magnetic field at each step, the phone's own iron taken off as far as it is known."""
     walk: int = 0
     """Counts up when steps begin anew: the steps of one walk share a heading bias and a stride scale."""
@@ -180,7 +180,7 @@ class MotionBatch(Message, frozen=True, kw_only=True):
     @classmethod
     def optional_columns(cls) -> tuple[str, ...]:
         """What not every sender knows of a step."""
-        return ("step_t_variance", "other_heading", "other_probability", "field")
+        return ("step_t_variance", "other_heading", "other_probability", "magnetic")
 
     @classmethod
     def event_columns(cls) -> tuple[str, ...]:

@@ -8,8 +8,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-import numpy as np
-
 from services.gateway.phones.batch_check import Limits, check_batch
 from services.gateway.phones.clock import ClockAligner
 from services.gateway.phones.seen_numbers import SeenNumbers
@@ -207,8 +205,8 @@ class Phone:
                 "other_heading": motion.other_heading.tolist(),
                 "other_probability": motion.other_probability.tolist(),
             }
-            if np.isfinite(motion.field_strength).all():
-                steps["field"] = np.round(motion.field_strength, 1).tolist()
+            if np.isfinite(motion.magnetic).all():
+                steps["magnetic"] = np.round(motion.magnetic, 1).tolist()
         if len(motion.turn_t):
             steps |= {"turn_t": (motion.turn_t + offset).tolist(), "turn": motion.turn.tolist()}
         self.outbox.append(

@@ -276,7 +276,7 @@ class DeadReckoner:
                     heading_variance=stepped.headings.variance[of],
                     other_heading=other[of],
                     other_probability=stepped.headings.other_probability[of],
-                    field_strength=stepped.field_strength[of],
+                    magnetic=stepped.magnetic[of],
                     walk=walk.walks,
                     heading_bias_variance=float(stepped.headings.bias_variance[of][-1]),
                     length_scale_variance=float(stepped.lengths.scale_variance[of][-1]),
@@ -292,7 +292,7 @@ class _Stepped:
     steps: Steps
     lengths: StepLengths
     headings: StepHeadings
-    field_strength: Array
+    magnetic: Array
 
     @classmethod
     def none(cls) -> _Stepped:

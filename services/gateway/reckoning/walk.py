@@ -53,7 +53,7 @@ class Motion:
     """(n,) rad, the other heading where a sign is uncertain."""
     other_probability: Array = field(default_factory=_none)
     """(n,) of ``other_heading`` being right."""
-    field_strength: Array = field(default_factory=_none)
+    magnetic: Array = field(default_factory=_none)
     """(n,) µT, of the magnetic field at each step, NaN without a compass."""
     walk: int = 0
     """Counts up when walking begins anew."""

@@ -53,9 +53,9 @@ class MapsLearner:
 
     def learn(self, stretch: Stretch) -> None:
         """Take in the magnetic field along a good stretch."""
-        if len(stretch.field):
+        if len(stretch.magnetic):
             where = [np.interp(stretch.step_t, stretch.t, stretch.place[:, axis]) for axis in (0, 1)]
-            self._maps.learn(np.column_stack(where), stretch.field)
+            self._maps.learn(np.column_stack(where), stretch.magnetic)
 
     def forget(self, device: str) -> None:
         """Nothing is kept by device."""

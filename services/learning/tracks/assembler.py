@@ -146,8 +146,8 @@ class StretchAssembler:
         if batch.activity == "still" and not batch.step_t:
             insort(phone.still, (batch.t_start, batch.t))
         columns = (batch.step_t, batch.length, batch.length_variance, batch.heading, batch.heading_variance)
-        fields = batch.field or [math.nan] * len(batch.step_t)
-        for *row, strength in zip(*columns, fields, strict=True):
+        strengths = batch.magnetic or [math.nan] * len(batch.step_t)
+        for *row, strength in zip(*columns, strengths, strict=True):
             insort(steps, (*row, batch.walk, strength))
 
     def forget(self, device: str) -> None:
@@ -230,7 +230,7 @@ class StretchAssembler:
             other=other,
             other_t=other_t,
             other_place=other_place,
-            field=steps[:, 6],
+            magnetic=steps[:, 6],
         )
 
     def _others(self, track: int, t: Array, place: Array) -> tuple[NDArray[np.int64], Array, Array]:

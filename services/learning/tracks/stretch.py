@@ -44,7 +44,7 @@ class Stretch:
         other: (m,) ids of other tracks that were about, the nearest; in the order of ``other_place``.
         other_t: (k,) when they are told of.
         other_place: (m, k, 2) metres; NaN while a track was not about.
-        field: (s,) µT, strength of the magnetic field; NaN where the phone did not tell. May be left empty.
+        magnetic: (s,) µT, strength of the magnetic field; NaN where the phone did not tell. May be left empty.
     """
 
     device: str
@@ -70,7 +70,7 @@ class Stretch:
     other: Integers = dataclasses.field(default_factory=lambda: np.zeros(0, np.int64))
     other_t: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     other_place: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0, 2)))
-    field: Array = dataclasses.field(default_factory=lambda: np.empty(0))
+    magnetic: Array = dataclasses.field(default_factory=lambda: np.empty(0))
 
     @property
     def seconds(self) -> float:

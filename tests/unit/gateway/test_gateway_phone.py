@@ -100,7 +100,7 @@ def test_each_step_tells_the_strength_of_the_field_where_the_phone_has_a_compass
     assert batches
     for batch in batches:
         expected = [math.hypot(20.0, 43.0)] * len(batch.step_t) if compass else []
-        assert batch.field == pytest.approx(expected, abs=2.0)
+        assert batch.magnetic == pytest.approx(expected, abs=2.0)
 
 
 def test_the_same_batch_again_is_acknowledged_and_not_published_twice() -> None:

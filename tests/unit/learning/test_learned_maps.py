@@ -250,5 +250,5 @@ def stretch(field: np.ndarray) -> Stretch:
         device="d", track=1, t=t, place=np.full((8, 2), 5.2), covariance=np.tile(np.eye(2), (8, 1, 1)),
         probability=np.ones(8), seen=np.ones(8, np.bool_), sight=np.ones(8), scan_t=nothing, point=none, level=nothing,
         scan_place=np.empty((0, 2)), scan_spread=nothing, step_t=t, length=np.ones(8), length_variance=np.ones(8),
-        heading=np.zeros(8), heading_variance=np.ones(8), walk=np.zeros(8, np.int64), field=field,
+        heading=np.zeros(8), heading_variance=np.ones(8), walk=np.zeros(8, np.int64), magnetic=field,
     )  # fmt: skip

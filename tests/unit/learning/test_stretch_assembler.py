@@ -48,7 +48,7 @@ def test_a_stretch_holds_what_the_phone_said_meanwhile() -> None:
     assembler.take_motion(
         MotionBatch(
             t=T0 + 6.0, device="phone", seq=1, t_start=T0 + 4.0, activity="walking", step_t=[T0 + 5.0], length=[0.7],
-            length_variance=[0.01], heading=[0.1], heading_variance=[0.2], walk=3, field=[51.0],
+            length_variance=[0.01], heading=[0.1], heading_variance=[0.2], walk=3, magnetic=[51.0],
         )
     )  # fmt: skip
     assert assembler.close() == []  # it still goes on
@@ -61,7 +61,7 @@ def test_a_stretch_holds_what_the_phone_said_meanwhile() -> None:
     assert (stretch.point.tolist(), stretch.level.tolist()) == ([1], [-50.0])
     np.testing.assert_allclose(stretch.scan_place, [[10.0, 0.0]], atol=1e-6)
     np.testing.assert_allclose(stretch.scan_spread, [0.2])
-    assert (stretch.length.tolist(), stretch.walk.tolist(), stretch.field.tolist()) == ([0.7], [3], [51.0])
+    assert (stretch.length.tolist(), stretch.walk.tolist(), stretch.magnetic.tolist()) == ([0.7], [3], [51.0])
     assert assembler.close(T0 + 100.0) == []
 
 
