@@ -46,7 +46,7 @@ def learning_orders(link: LearningLink) -> APIRouter:
         log.warning(
             "an order to learning",
             order=command.do,
-            key=holder.name,
+            by=holder.name,
             kind=command.kind,
             subject=command.subject,
             done=answer.done,

@@ -157,7 +157,7 @@ class _Page:
         live: dict[str, str] = {}
         for row in report.history:
             if row.decision != "refused":
-                live.setdefault(f"{row.kind}/{row.subject}", f"{row.kind} of {row.subject}, version {row.version}")
+                live.setdefault(f"{row.kind}/{row.subject}", words.model_name(row))
         self._models.offer(live)
         self._models.show(bool(live))
         self._back.set_visibility(bool(live))

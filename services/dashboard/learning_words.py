@@ -22,6 +22,7 @@ __all__ = [
     "cameras_table",
     "devices_table",
     "history_table",
+    "model_name",
     "moment",
     "summary",
 ]
@@ -151,7 +152,7 @@ def history_table(history: Sequence[Activation]) -> str:
     rows = [
         [
             moment(row.t),
-            f"{_KINDS[row.kind]} of {escape(_subject(row))}, version {row.version}",
+            escape(model_name(row)),
             _state(row.decision),
             escape(row.reason) + (" <em>(by hand)</em>" if row.by == "operator" else ""),
             _number(row.gain, 2, signed=True) + ("" if row.margin is None else f" (needs {row.margin:.2f})"),
@@ -160,6 +161,12 @@ def history_table(history: Sequence[Activation]) -> str:
         for row in history
     ]
     return _table(["when", "what", "decision", "why", "gain", "evidence"], rows)
+
+
+def model_name(row: Activation) -> str:
+    """Return what a model is called, not escaped."""
+    subject = device_name(row.subject) if row.kind in ("stride", "heading") else row.subject
+    return f"{_KINDS[row.kind]} of {subject}, version {row.version}"
 
 
 def moment(t: float) -> str:
@@ -182,10 +189,6 @@ def _sentence(area: AreaLessons) -> str:
 
 def _odd(area: AreaLessons) -> list[AccessPointFit]:
     return [fit for fit in area.access_points if fit.words and fit.state in ("changed", "moved", "silent")]
-
-
-def _subject(row: Activation) -> str:
-    return device_name(row.subject) if row.kind in ("stride", "heading") else row.subject
 
 
 def _state(state: str) -> str:

@@ -11,6 +11,7 @@ import httpx
 import msgspec
 import pytest
 import schemathesis
+import structlog
 from api_in_process import running
 from conftest import unused_port
 from hypothesis import HealthCheck, given, settings
@@ -128,7 +129,10 @@ def test_maps_come_as_numbers_and_as_pictures(system: tuple[str, Double], site: 
 
 def test_an_operator_rolls_back_freezes_exports_and_imports(system: tuple[str, Double]) -> None:
     address, double = system
-    done = post(address, "/rollback", {"kind": "radio", "subject": AREA})
+    with structlog.testing.capture_logs() as told_in_log:
+        done = post(address, "/rollback", {"kind": "radio", "subject": AREA})
+    (line,) = [entry for entry in told_in_log if entry["event"] == "an order to learning"]
+    assert (line["order"], line["by"], line["subject"], line["done"]) == ("rollback", "office", AREA, True)
     assert done == {"words": "area hall is back at radio model 2, as version 4", "version": 4}
     assert (double.commands[-1].do, double.commands[-1].by) == ("rollback", "office")
     post(address, "/freeze")
