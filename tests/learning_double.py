@@ -210,7 +210,7 @@ def _walked(site: Site, rng: np.random.Generator) -> tuple[AreaMaps, RadioModel]
     x0, y0, x1, y1 = plan.outline.bounds
     learner = RadioLearner.over(radio, np.array([x0, y0]), np.array([x1, y1]), 1.0)
     solid = shapely.union_all([plan.obstacles, shapely.box(8.5, 7.0, 11.0, 8.5)])
-    for number in range(500):
+    for number in range(300):
         ways = [np.linspace(*rng.uniform((x0, y0), (x1, y1), (2, 2)), 26) for _ in range(4)]
         for step in range(0, 26, 2):
             places = np.array([way[step] for way in ways])
