@@ -17,7 +17,7 @@ import numpy as np
 
 from services.camera.detector import Image
 
-__all__ = ["FrameRing", "KeptFrame", "unpack"]
+__all__ = ["FrameRing", "KeptFrame", "shrunk", "unpack"]
 
 WIDTH = 480
 """Pixels across: that of the mask the shipped detector finds people on."""
@@ -123,10 +123,15 @@ class FrameRing:
         self._bytes = 0
 
 
-def _pack(image: Image) -> bytes:
+def shrunk(image: Image) -> Image:
+    """Return a picture no wider than the ring's."""
     height, width = image.shape[:2]
-    if width > WIDTH:
-        small = (WIDTH, max(round(height * WIDTH / width), 1))
-        image = cast(Image, cv2.resize(image, small, interpolation=cv2.INTER_AREA))
-    _, packed = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    if width <= WIDTH:
+        return image
+    small = (WIDTH, max(round(height * WIDTH / width), 1))
+    return cast(Image, cv2.resize(image, small, interpolation=cv2.INTER_AREA))
+
+
+def _pack(image: Image) -> bytes:
+    _, packed = cv2.imencode(".jpg", shrunk(image), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     return packed.tobytes()

@@ -1,4 +1,4 @@
-"""The process in which other detector options are tried: of the lowest priority, so that live pictures never wait.
+"""The process in which other detector options are tried: of low priority, so that live pictures never wait.
 
 Its parent sends a job and then picture after picture through its standard input; the answer leaves by standard output.
 """
@@ -21,7 +21,7 @@ from services.camera.redetection import Job, redetect
 
 __all__ = ["send"]
 
-NICE = 19
+NICE = 10
 _HEAD = struct.Struct("<dI")
 """Of each picture: time and length."""
 

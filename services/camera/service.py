@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from prometheus_client import Counter, Gauge, Histogram
 
 from services.camera.detector import DetectorError, check_detector
+from services.camera.empty_scene import EmptyScene
 from services.camera.frame_ring import FrameRing
 from services.camera.frames import Frame, Source, SourceError
 from services.camera.pipeline import Pipeline, to_message
-from services.camera.projection import aligned
+from services.camera.projection import GroundDetections, aligned
 from services.camera.redetect_desk import RedetectDesk
+from services.camera.scene_watch import SceneWatch
 from services.camera.settings import CameraSettings
 from services.camera.sources import open_source
 from services.camera.status import StatusBoard
@@ -67,13 +69,15 @@ class CameraService(Service[CameraSettings]):
         self._status = StatusBoard(publisher, self._camera.id)
         self._models = bus.inbox()
         self._ring = FrameRing(settings.ring_megabytes, settings.ring_minutes, settings.ring_rate)
+        self._scene = EmptyScene()
+        self._watch = SceneWatch()
         self._desk = RedetectDesk(
             self._camera,
             self._floor,
             settings.detector,
             settings.detector_options,
             self._ring,
-            lambda: None,
+            lambda: self._scene.picture,
             settings.redetect_patience,
         )
         self._alignment, self._alignment_version = np.eye(3), 0
@@ -152,6 +156,7 @@ class CameraService(Service[CameraSettings]):
                 # The first picture does not follow the last one: who stands there now did not walk in.
                 self._pipeline.reset()
                 self._ring.clear()
+                self._scene.forget()
         with DETECT_SECONDS.labels(camera).time():
             found = aligned(self._pipeline.process(frame.image, frame.t), self._learned_alignment())
         message = to_message(camera, self._floor, self._seq, frame.t, found)
@@ -162,8 +167,17 @@ class CameraService(Service[CameraSettings]):
         OVERTAKEN.labels(camera).inc(self._source.overtaken - self._overtaken)
         self._overtaken = self._source.overtaken
         self._status.count(self._overtaken)
+        self._remember(frame, found)
         self._report()
-        self._ring.offer(frame.image, frame.t)
+
+    def _remember(self, frame: Frame, found: GroundDetections) -> None:
+        """Keep what learning may ask for, as long as the camera looks where it looked."""
+        if self._watch.take(frame.image, frame.t) and self._watch.verdict:
+            self._ring.clear()
+            self._scene.forget()
+        if not self._watch.verdict:
+            self._ring.offer(frame.image, frame.t)
+            self._scene.take(frame.image, found.boxes, frame.t)
 
     def _adopt(self, settings: DetectorSettings) -> None:
         """Let the running detector work with what was learned; what it cannot is told and changes nothing."""
@@ -193,12 +207,16 @@ class CameraService(Service[CameraSettings]):
 
     def _report(self) -> None:
         self.health.well("source")
-        doubt = self._pipeline.doubt
+        doubts = {"picture size": self._pipeline.doubt, "view": self._watch.verdict}
+        for topic, doubt in doubts.items():
+            if doubt:
+                self.health.degraded(topic, doubt)
+            else:
+                self.health.well(topic)
+        doubt = "; ".join(filter(None, doubts.values()))
         if doubt:
-            self.health.degraded("picture size", doubt)
             self._status.change("degraded", doubt)
         else:
-            self.health.well("picture size")
             learning = self._pipeline.state == "learning"
             self._status.change("ok", "learning the background: people may be missed" if learning else "")
         self._status.refresh()

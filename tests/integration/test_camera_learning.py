@@ -21,21 +21,21 @@ from shared.messages import CameraStatus, DetectionFrame, DetectorSettings
 
 KEYS = Keys("test")
 RATE = 10.0
-SECONDS = 16.0
+SECONDS = 12.0
 DEADLINE = 30.0
 
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Textured ground; from 6 s on a white figure walks up and down."""
+    """Textured ground; from 4 s on a white figure walks up and down."""
     path = tmp_path_factory.mktemp("film") / "clip.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), RATE, (320, 240))
     texture = np.random.default_rng(3).integers(60, 120, (30, 40, 3), np.uint8)
     scene = cv2.resize(texture, (320, 240), interpolation=cv2.INTER_CUBIC)
     for number in range(round(SECONDS * RATE)):
         image = np.asarray(scene.copy(), np.uint8)
-        if number >= 60:
-            left = 150 + round(90.0 * np.sin(0.05 * (number - 60)))
+        if number >= 40:
+            left = 150 + round(90.0 * np.sin(0.05 * (number - 40)))
             cv2.rectangle(image, (left, 90), (left + 12, 140), (240, 240, 240), -1)
         writer.write(image)
     writer.release()
@@ -154,10 +154,10 @@ def test_other_options_are_tried_on_the_last_pictures_while_the_camera_goes_on(
     frames = same["frames"]
     assert isinstance(frames, list)
     live = {round(frame.t, 3): frame for frame in camera.frames}
-    assert len(frames) > 80
+    assert len(frames) > 60
     # JPEG once more is all that differs from what was published.
     counts = [(len(frame["x"]), len(live[round(frame["t"], 3)].x)) for frame in frames]
-    assert sum(a == b for a, b in counts) > 0.95 * len(counts)
+    assert sum(a == b for a, b in counts) > 0.9 * len(counts)
     assert same["rate"] == pytest.approx(RATE, rel=0.02)
     deaf = camera.ask(options={"sensitivity": 200.0, "learning_rate": 5.0}, since=same["since"])
     assert deaf["since"] == same["since"]
@@ -169,3 +169,19 @@ def test_without_pictures_it_says_so(start: Callable[..., Running], video: Path)
     camera = start({"file": str(video), "loop": True}, "--ring-megabytes", "0")
     camera.until(lambda: camera.status and camera.status.state == "ok", "pictures")
     assert "ring_megabytes" in str(camera.ask()["error"])
+
+
+def test_a_covered_camera_is_degraded_and_says_why(start: Callable[..., Running], tmp_path: Path) -> None:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    texture = np.random.default_rng(3).integers(40, 200, (30, 40, 3), np.uint8)
+    scene = cv2.resize(texture, (160, 120), interpolation=cv2.INTER_CUBIC)
+    for number in range(75):
+        cv2.imwrite(str(folder / f"{number}.png"), scene if number < 30 else np.full_like(scene, 50))
+    source = {"folder": str(folder), "frames_per_s": 0.5}
+    camera = start(source, "--pace", "fast", "--ring-rate", "0.5", "--wait-for-subscriber")
+    camera.until(lambda: camera.status and camera.status.state == "degraded", "the verdict")
+    assert camera.status is not None
+    assert "covered" in camera.status.reason
+    assert "covered" in camera.problems()["view"]
+    assert "no pictures are kept" in str(camera.ask()["error"])  # those before are of another view
