@@ -2,8 +2,9 @@
 
 After [ravel-thesis §8.2]: sweep the learning rate, re-run detector and tracker on stored pictures for each value, take
 the value with the largest cumulative quality score. Here the sweep is coarse, then fine around the best; the curve is
-noisy, so a parabola in the logarithm is laid through its top, and what is active stays unless the parabola says that
-another value is better by more than the points scatter about it. A second option is then swept about the winner.
+noisy, so a parabola in the logarithm is laid through its top, and what is active stays unless another value is better
+by more than the points scatter about a smooth curve, and than the score of both told apart minute by minute may be off.
+A second option is then swept about the winner.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ __all__ = ["Curve", "DetectorChoice", "Sweep", "choose_detector"]
 
 Array = NDArray[np.float64]
 F = TypeVar("F")
+Options = tuple[tuple[str, float], ...]
 
 RATES = tuple(float(rate) for rate in np.geomspace(1e-3, 1.0, 8))
 """Learning rates per second that are tried first: [ravel-thesis §8.2] tries 8 to 12 values."""
@@ -36,6 +38,8 @@ WIDTH = 1.0
 """Of the smoothing, mean distances between values."""
 SURE = 3.0
 """Standard errors by which a gain must be more than chance: the best of a dozen is always lucky."""
+CONFIRMED = 2.0
+"""Standard errors by which the chosen value itself must score better than the active one."""
 LEAST_GAIN = 0.02
 """Share of the active score that a gain must be at least: what is less is not worth a change."""
 
@@ -145,7 +149,7 @@ class DetectorChoice:
 def choose_detector(
     active: Mapping[str, float],
     redetect: Callable[[Mapping[str, float]], F | None],
-    score: Callable[[F], float | None],
+    score: Callable[[F], Mapping[str, float] | None],
     sweeps: Sequence[Sweep] = SWEEPS,
 ) -> DetectorChoice:
     """Return the options that score best.
@@ -155,7 +159,9 @@ def choose_detector(
     Args:
         active: the value in use of every option that is swept.
         redetect: options → what the camera would have detected; None: they cannot be tried, and are left out.
-        score: detections → cumulative quality score of the tracks they make, or a like score; None: it cannot be told.
+        score: detections → ``cqs``, the cumulative quality score of the tracks they make (or another score that grows
+            with how well people are followed), and ``error`` where it is known: the standard error of that score less
+            the active options'. None: it cannot be told.
         sweeps: what is swept, in this order.
 
     Raises:
@@ -166,14 +172,17 @@ def choose_detector(
             raise ValueError(
                 f"active.{sweep.option}: found {active.get(sweep.option)}; allowed: the value in use, above 0"
             )
-    scores: dict[tuple[tuple[str, float], ...], float | None] = {}
+    errors: dict[Options, float] = {}
+    scores: dict[Options, float | None] = {}
 
     def tried(options: Mapping[str, float]) -> float | None:
         key = tuple(sorted(options.items()))
         if key not in scores:
             detections = redetect(options)
             told = None if detections is None else score(detections)
-            scores[key] = told if told is not None and math.isfinite(told) else None
+            known = told is not None and math.isfinite(told["cqs"])
+            scores[key] = told["cqs"] if told is not None and known else None
+            errors[key] = told.get("error", 0.0) if told is not None else 0.0
         return scores[key]
 
     current = {sweep.option: active[sweep.option] for sweep in sweeps}
@@ -182,19 +191,23 @@ def choose_detector(
         return DetectorChoice(refused="the active options could not be scored on the camera's pictures")
     curves: list[Curve] = []
     changed: dict[str, float] = {}
-    gain, variance = 0.0, 0.0
+    gain, error = 0.0, 0.0
     least = LEAST_GAIN * abs(begin)
     for sweep in sweeps:
         curve = _swept(sweep, current, tried)
         if curve is None:
             continue
         curves.append(curve)
-        if curve.gain > max(SURE * curve.error, least):
-            current[sweep.option] = changed[sweep.option] = curve.best
-            gain += curve.gain
-            variance += curve.error**2
-    margin = max(SURE * math.sqrt(variance), least)
-    return DetectorChoice(changed, gain, margin, curves)
+        if curve.gain <= max(SURE * curve.error, least):
+            continue
+        wanted = {**current, sweep.option: curve.best}
+        told = tried(wanted)
+        apart = errors[tuple(sorted(wanted.items()))]
+        if told is None or told - begin <= max(CONFIRMED * apart, gain):
+            continue
+        current, gain, error = wanted, told - begin, max(error, apart)
+        changed[sweep.option] = curve.best
+    return DetectorChoice(changed, gain, max(CONFIRMED * error, least), curves)
 
 
 def _swept(

@@ -24,8 +24,18 @@ def hill(top: float, noise: float, seed: int, high: float = 100.0) -> Callable[[
     return score
 
 
+def told(
+    score: Callable[[Mapping[str, float]], float | None],
+) -> Callable[[Mapping[str, float]], dict[str, float] | None]:
+    def tell(options: Mapping[str, float]) -> dict[str, float] | None:
+        value = score(options)
+        return None if value is None else {"cqs": value}
+
+    return tell
+
+
 def choose(score: Callable[[Mapping[str, float]], float | None], active: float = 0.01) -> DetectorChoice:
-    return choose_detector({"learning_rate": active}, dict, score, RATE_ONLY)
+    return choose_detector({"learning_rate": active}, dict, told(score), RATE_ONLY)
 
 
 @pytest.mark.parametrize("top", [0.003, 0.03, 0.2])
@@ -37,7 +47,7 @@ def test_the_top_of_the_curve_is_found_with_few_trials(top: float) -> None:
         return dict(options)
 
     active = 1.0 if top < 0.1 else 0.003
-    choice = choose_detector({"learning_rate": active}, redetect, hill(top, 1.0, 1), RATE_ONLY)
+    choice = choose_detector({"learning_rate": active}, redetect, told(hill(top, 1.0, 1)), RATE_ONLY)
     assert 0.5 < choice.options["learning_rate"] / top < 2.0
     assert choice.gain > choice.margin > 0.0
     assert len(asked) == len(set(asked)) <= 14
@@ -69,7 +79,7 @@ def test_a_second_option_is_swept_about_the_winner() -> None:
         )
         return 100.0 - 4.0 * rate**2 - 60.0 * sensitivity**2
 
-    choice = choose_detector(ACTIVE, dict, score)
+    choice = choose_detector(ACTIVE, dict, told(score))
     assert choice.options["learning_rate"] == pytest.approx(0.1, rel=0.2)
     assert choice.options["sensitivity"] == pytest.approx(24.0, rel=0.2)
     other = [options for options in asked if options["sensitivity"] != 16.0]
@@ -80,14 +90,14 @@ def test_what_cannot_be_tried_is_left_out_and_nothing_is_said_without_the_active
     choice = choose_detector(
         ACTIVE,
         lambda options: None if options["sensitivity"] != 16.0 or options["learning_rate"] > 0.5 else dict(options),
-        lambda options: hill(0.1, 0.0, 1)(options),
+        told(hill(0.1, 0.0, 1)),
     )
     assert set(choice.options) == {"learning_rate"}
-    assert choose_detector(ACTIVE, lambda _: None, lambda _: 1.0).refused
-    assert choose_detector(ACTIVE, dict, lambda _: math.nan).refused
+    assert choose_detector(ACTIVE, lambda _: None, told(lambda _: 1.0)).refused
+    assert choose_detector(ACTIVE, dict, told(lambda _: math.nan)).refused
     assert choose_detector(ACTIVE, dict, lambda _: None).proposal("door", "hall", 1.0, {}) is None
     with pytest.raises(ValueError, match="sensitivity"):
-        choose_detector({"learning_rate": 0.1}, dict, lambda _: 1.0)
+        choose_detector({"learning_rate": 0.1}, dict, told(lambda _: 1.0))
 
 
 def test_the_proposal_carries_the_whole_curve_and_keeps_what_was_not_swept() -> None:
@@ -102,3 +112,13 @@ def test_the_proposal_carries_the_whole_curve_and_keeps_what_was_not_swept() -> 
     assert proposal.margin is not None
     assert proposal.gain > proposal.margin
     assert "0.003 →" in proposal.reason
+
+
+def test_a_gain_that_minutes_do_not_agree_about_is_not_taken() -> None:
+    rate = hill(0.1, 0.0, 1)
+    for error, taken in ((1.0, True), (60.0, False)):
+        choice = choose_detector(
+            {"learning_rate": 0.003}, dict, lambda options, e=error: {"cqs": rate(options), "error": e}, RATE_ONLY
+        )
+        assert bool(choice.options) is taken
+        assert choice.margin >= (2.0 * error if taken else 0.0)
