@@ -44,6 +44,12 @@ class Pipeline:
         return "learning" if self._detector is None else self._detector.state
 
     @property
+    def options(self) -> dict[str, float]:
+        """The detector's options in use that are numbers, by name."""
+        told = self._options.model_dump()
+        return {name: float(value) for name, value in told.items() if isinstance(value, int | float)}
+
+    @property
     def doubt(self) -> str:
         """Why positions may be wrong, in plain words; empty when there is no reason."""
         if self._size is None:

@@ -6,7 +6,6 @@ detector's rates are per second: that fewer pictures are kept than were taken do
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -41,7 +40,7 @@ class _Question(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Redetected(msgspec.Struct, frozen=True, kw_only=True):
     """The answer: frames as the camera would have published them, from ``since`` to ``until``, and how many a second.
 
-    ``seconds`` is the time they span; ``took`` what finding them cost.
+    ``seconds`` is the time they span; ``options`` what was worked with, all of it; ``took`` what finding them cost.
     """
 
     frames: list[DetectionFrame]
@@ -49,6 +48,7 @@ class Redetected(msgspec.Struct, frozen=True, kw_only=True):
     until: float
     seconds: float
     rate: float
+    options: dict[str, float]
     took: float = 0.0
 
 
@@ -139,5 +139,6 @@ def redetect(job: Job, kept: Iterable[KeptFrame]) -> Redetected:
         since=job.since,
         until=job.until,
         seconds=seconds,
-        rate=(len(frames) - 1) / seconds if seconds > 0.0 and math.isfinite(seconds) else 0.0,
+        rate=(len(frames) - 1) / seconds if seconds > 0.0 else 0.0,
+        options=pipeline.options,
     )

@@ -158,6 +158,7 @@ def test_other_options_are_tried_on_the_last_pictures_while_the_camera_goes_on(
     # JPEG once more is all that differs from what was published.
     counts = [(len(frame["x"]), len(live[round(frame["t"], 3)].x)) for frame in frames]
     assert sum(a == b for a, b in counts) > 0.9 * len(counts)
+    assert dict(same["options"])["learning_rate"] == 0.01  # type: ignore[call-overload]
     assert same["rate"] == pytest.approx(RATE, rel=0.02)
     deaf = camera.ask(options={"sensitivity": 200.0, "learning_rate": 5.0}, since=same["since"])
     assert deaf["since"] == same["since"]

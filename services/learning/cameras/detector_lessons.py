@@ -1,0 +1,158 @@
+"""The learner of detector options: one camera of an area at a time, now and then, when people have walked well.
+
+A sweep asks the camera and fusion a dozen times and takes minutes of their spare time; it runs beside the learner,
+which proposes once it is over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from typing import Any
+
+import msgspec
+
+from services.learning.cameras.detector_choice import SWEEPS, DetectorChoice, choose_detector
+from services.learning.proposal import Proposal
+from services.learning.tracks.stretch import Stretch
+from shared.learning_report import ModelKind
+from shared.messages import DetectorSettings, Message
+
+__all__ = ["DetectorLessons"]
+
+EVERY = 3600.0
+"""Seconds between two sweeps of one area's cameras."""
+FEWEST = 5
+"""Good stretches since the last sweep without which there is nobody to tell options apart by."""
+TRIES = 20
+"""Times a busy camera or fusion is asked again, each after ``PAUSE`` seconds."""
+PAUSE = 5.0
+
+Redetect = Callable[[str, Mapping[str, float]], Mapping[str, Any]]
+Rescore = Callable[[str, bytes], Mapping[str, Any]]
+
+
+class DetectorLessons:
+    """Learns the detector options of one area's cameras.
+
+    Args:
+        area: its id.
+        cameras: their ids, those that have pictures.
+        redetect: camera, options → the camera's answer (``Keys.redetect``).
+        rescore: area, question → fusion's answer (``Keys.rescore``).
+        executor: where sweeps run.
+        wait: waits some seconds; what it returns is left out.
+    """
+
+    kind: ModelKind = "detector"
+
+    def __init__(
+        self,
+        area: str,
+        cameras: Sequence[str],
+        redetect: Redetect,
+        rescore: Rescore,
+        executor: Executor,
+        wait: Callable[[float], object],
+    ) -> None:
+        self.area = area
+        self._cameras = tuple(cameras)
+        self._redetect, self._rescore = redetect, rescore
+        self._executor, self._wait = executor, wait
+        self._active: dict[str, dict[str, float]] = {}
+        self._swept: dict[str, float] = {}
+        self._stretches = 0
+        self._running: tuple[str, Future[tuple[DetectorChoice, float]]] | None = None
+        self.words: dict[str, str] = {}
+        """By camera what its last sweep found, for people."""
+
+    def learn(self, stretch: Stretch) -> None:
+        """Note that somebody walked well; what is learned comes from the cameras' pictures."""
+        self._stretches += 1
+
+    def forget(self, device: str) -> None:
+        """Nothing here is of any device."""
+
+    def propose(self, now: float, until: float) -> Sequence[Proposal]:
+        """Begin a sweep when one is due, propose what the last one found; see ``Learner``."""
+        if self._running is not None:
+            camera, future = self._running
+            if not future.done():
+                return ()
+            self._running = None
+            return self._found(camera, future)
+        last = max(self._swept.values(), default=-EVERY)
+        if last > now:  # a clock was set back
+            self._swept.clear()
+        elif now - last >= EVERY and self._stretches >= FEWEST and self._cameras:
+            camera = min(self._cameras, key=lambda name: self._swept.get(name, -EVERY))
+            self._swept[camera] = now
+            self._stretches = 0
+            self._running = camera, self._executor.submit(self._sweep, camera, dict(self._active.get(camera, {})))
+        return ()
+
+    def activated(self, model: Message) -> None:
+        """Other options are in use from now on; a sweep under way was held against the ones before, and is dropped."""
+        if isinstance(model, DetectorSettings) and model.camera in self._cameras:
+            self._active[model.camera] = dict(model.options)
+            if self._running is not None and self._running[0] == model.camera:
+                self._running = None
+
+    def state(self) -> dict[str, Any]:
+        """Return when each camera was swept last; what is active is told anew after a restart."""
+        return {"swept": dict(self._swept)}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from ``state()``; see ``Learner``."""
+        try:
+            self._swept = msgspec.convert(state["swept"], dict[str, float])
+        except (KeyError, msgspec.ValidationError) as error:
+            raise ValueError(f"detector lessons: swept: {error}") from error
+
+    def _found(self, camera: str, future: Future[tuple[DetectorChoice, float]]) -> Sequence[Proposal]:
+        error = future.exception()
+        if error is not None:
+            self.words[camera] = f"its options could not be tried: {error}"
+            return ()
+        choice, newest = future.result()
+        proposal = choice.proposal(camera, self.area, newest, self._active.get(camera, {}))
+        self.words[camera] = choice.refused or (
+            "its detector is set as well as can be told" if proposal is None else proposal.reason
+        )
+        return () if proposal is None else (proposal,)
+
+    def _sweep(self, camera: str, active: Mapping[str, float]) -> tuple[DetectorChoice, float]:
+        """Return what a sweep finds, and the time of the newest picture; runs in a thread of its own."""
+        begin = self._asked(lambda: self._redetect(camera, active))
+        if "error" in begin:
+            return DetectorChoice(refused=str(begin["error"])), 0.0
+        in_use = {sweep.option: begin["options"].get(sweep.option, 0.0) for sweep in SWEEPS}
+        sweeps = [sweep for sweep in SWEEPS if in_use[sweep.option] > 0.0]  # a detector of one's own has others
+
+        def redetect(options: Mapping[str, float]) -> Mapping[str, Any] | None:
+            if all(begin["options"][name] == value for name, value in options.items()):
+                return begin
+            told = self._asked(lambda: self._redetect(camera, {**active, **options}))
+            # Other pictures cannot be compared.
+            same = "error" not in told and (told["since"], told["until"]) == (begin["since"], begin["until"])
+            return told if same else None
+
+        def score(told: Mapping[str, Any]) -> Mapping[str, float] | None:
+            frames = {"frames": {camera: told["frames"]}, "active": {camera: begin["frames"]}}
+            question = msgspec.json.encode({"kind": "detections", **frames})
+            sight = self._asked(lambda: self._rescore(self.area, question)).get("sight")
+            if not sight or sight.get("candidate") is None:
+                return None
+            return {"cqs": sight["candidate"], "error": sight.get("gain_error") or 0.0}
+
+        return choose_detector(in_use, redetect, score, sweeps), float(begin["until"])
+
+    def _asked(self, ask: Callable[[], Mapping[str, Any]]) -> Mapping[str, Any]:
+        """Return an answer; who is busy is asked again."""
+        told = ask()
+        for _ in range(TRIES):
+            if not str(told.get("error", "")).startswith("busy"):
+                break
+            self._wait(PAUSE)
+            told = ask()
+        return told

@@ -1,0 +1,173 @@
+"""The learner of detector options: when it sweeps, what it asks, and what stops it."""
+
+import math
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from services.learning.cameras.detector_lessons import EVERY, FEWEST, DetectorLessons
+from services.learning.proposal import Learner
+from services.learning.tracks.stretch import Stretch
+from shared.messages import DetectorSettings
+
+NONE = np.zeros(0)
+WALK = Stretch(
+    device="phone",
+    track=1,
+    t=np.arange(2.0),
+    place=np.zeros((2, 2)),
+    covariance=np.zeros((2, 2, 2)),
+    probability=np.ones(2),
+    seen=np.ones(2, np.bool_),
+    sight=np.ones(2),
+    scan_t=NONE,
+    point=NONE.astype(np.int64),
+    level=NONE,
+    scan_place=np.zeros((0, 2)),
+    scan_spread=NONE,
+    step_t=NONE,
+    length=NONE,
+    length_variance=NONE,
+    heading=NONE,
+    heading_variance=NONE,
+    walk=NONE.astype(np.int64),
+)
+
+
+class Later(Executor):
+    """Runs what was submitted when it is told to."""
+
+    def __init__(self) -> None:
+        self.waiting: list[Callable[[], None]] = []
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+
+        def work() -> None:
+            try:
+                future.set_result(fn(*args, **kwargs))
+            except Exception as error:
+                future.set_exception(error)
+
+        self.waiting.append(work)
+        return future
+
+    def run(self) -> None:
+        while self.waiting:
+            self.waiting.pop(0)()
+
+
+class Site:
+    """A camera whose people are followed best at 0.1 per second, and a fusion that scores it."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, dict[str, float]]] = []
+        self.busy = 0
+        self.until = 900.0
+        self.moves = False
+        self.error = ""
+
+    def redetect(self, camera: str, options: Mapping[str, float]) -> Mapping[str, Any]:
+        if self.error:
+            return {"error": self.error}
+        if self.busy:
+            self.busy -= 1
+            return {"error": "busy: other options are being tried; ask again later"}
+        self.asked.append((camera, dict(options)))
+        self.until += self.moves
+        used = {"learning_rate": 0.003, "sensitivity": 16.0, "least_gain": 0.1, **options}
+        return {"frames": [{"camera": camera, **used}], "since": 600.0, "until": self.until, "options": used}
+
+    def rescore(self, area: str, question: bytes) -> Mapping[str, Any]:
+        asked = msgspec.json.decode(question)
+        assert asked["kind"] == "detections"
+        [(camera, [frame])] = asked["frames"].items()
+        assert asked["active"][camera][0]["learning_rate"] == 0.003
+        off = math.log10(frame["learning_rate"] / 0.1) ** 2 + 4.0 * math.log(frame["sensitivity"] / 16.0) ** 2
+        return {"sight": {"candidate": 50.0 - 10.0 * off, "gain_error": 0.5}}
+
+
+def lessons(site: Site, executor: Later, *cameras: str) -> DetectorLessons:
+    made = DetectorLessons("hall", cameras, site.redetect, site.rescore, executor, lambda _: None)
+    checked: Learner = made
+    for _ in range(FEWEST):
+        checked.learn(WALK)
+    return made
+
+
+def test_a_sweep_runs_beside_the_learner_and_is_proposed_when_it_is_over() -> None:
+    site, executor = Site(), Later()
+    learner = lessons(site, executor, "door")
+    assert learner.propose(1000.0, 900.0) == ()
+    assert learner.propose(1010.0, 900.0) == ()
+    assert site.asked == []
+    executor.run()
+    [proposal] = learner.propose(1020.0, 900.0)
+    assert isinstance(proposal.model, DetectorSettings)
+    assert proposal.model.options["learning_rate"] == pytest.approx(0.1, rel=0.25)
+    assert "sensitivity" not in proposal.model.options
+    assert (proposal.trained_until, proposal.subject, proposal.area) == (900.0, "door", "hall")
+    assert "learning_rate" in learner.words["door"]
+    assert learner.propose(1030.0, 900.0) == ()
+
+
+def test_cameras_take_turns_and_nobody_walking_means_no_sweep() -> None:
+    site, executor = Site(), Later()
+    learner = lessons(site, executor, "door", "window")
+    learner.propose(1000.0, 900.0)
+    executor.run()
+    learner.propose(1100.0, 900.0)
+    learner.propose(1000.0 + EVERY, 900.0)
+    assert {camera for camera, _ in site.asked} == {"door"}  # nobody has walked since
+    for _ in range(FEWEST):
+        learner.learn(WALK)
+    again = DetectorLessons("hall", ["door", "window"], site.redetect, site.rescore, executor, lambda _: None)
+    again.restore(learner.state())
+    for _ in range(FEWEST):
+        again.learn(WALK)
+    again.propose(1500.0, 900.0)  # too early, also after a restart
+    assert not executor.waiting
+    again.propose(1000.0 + EVERY, 900.0)
+    executor.run()
+    assert site.asked[-1][0] == "window"
+    with pytest.raises(ValueError, match="swept"):
+        again.restore({"swept": {"door": "soon"}})
+
+
+def test_what_is_active_is_kept_and_a_change_in_mid_sweep_drops_it() -> None:
+    site, executor = Site(), Later()
+    learner = lessons(site, executor, "door")
+    learner.activated(DetectorSettings(t=1.0, camera="door", version=3, options={"least_gain": 0.2}))
+    learner.propose(1000.0, 900.0)
+    executor.run()
+    assert all(options["least_gain"] == 0.2 for _, options in site.asked)
+    [proposal] = learner.propose(1020.0, 900.0)
+    assert isinstance(proposal.model, DetectorSettings)
+    assert proposal.model.options["least_gain"] == 0.2
+    for _ in range(FEWEST):
+        learner.learn(WALK)
+    learner.propose(1020.0 + EVERY, 900.0)
+    learner.activated(DetectorSettings(t=1.0, camera="door", version=4))
+    executor.run()
+    assert learner.propose(1030.0 + EVERY, 900.0) == ()
+
+
+def test_who_is_busy_is_asked_again_and_other_refusals_are_told() -> None:
+    site, executor = Site(), Later()
+    site.busy = 7
+    learner = lessons(site, executor, "door")
+    learner.propose(1000.0, 900.0)
+    executor.run()
+    assert learner.propose(1020.0, 900.0)
+    for change, told in ((("error", "no pictures are kept"), "no pictures"), (("moves", True), "well as can be told")):
+        site, executor = Site(), Later()
+        setattr(site, *change)
+        learner = lessons(site, executor, "door")
+        learner.propose(1000.0, 900.0)
+        executor.run()
+        assert learner.propose(1020.0, 900.0) == ()
+        assert told in learner.words["door"]
