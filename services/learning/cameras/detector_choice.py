@@ -34,7 +34,7 @@ FINE = 4
 """Further values tried around the best of a first sweep."""
 TOP = 5
 """Points nearest to the best through which the parabola is laid."""
-WIDTH = 1.0
+WIDTH = 1.5
 """Of the smoothing, mean distances between values."""
 SURE = 3.0
 """Standard errors by which a gain must be more than chance: the best of a dozen is always lucky."""
@@ -261,12 +261,12 @@ def _topped(option: str, value: Array, score: Array, active: float) -> Curve:
 
 
 def _smoother(x: Array) -> Array:
-    """Return the matrix (n, n) that turns scores at ``x`` into a smooth curve: local lines."""
+    """Return the matrix (n, n) that turns scores at ``x`` into a smooth curve: local parabolas."""
     width = max(WIDTH * float(x[-1] - x[0]) / len(x), 1e-9)
     rows = []
     for centre in x.tolist():
         weight = np.exp(-0.5 * ((x - centre) / width) ** 2)
-        design = np.column_stack([np.ones_like(x), x - centre])
+        design = np.column_stack([np.ones_like(x), x - centre, (x - centre) ** 2])
         weighed = (design * weight[:, None]).T
-        rows.append(np.linalg.solve(weighed @ design + 1e-9 * np.eye(2), weighed)[0])
+        rows.append(np.linalg.solve(weighed @ design + 1e-9 * np.eye(3), weighed)[0])
     return np.array(rows)
