@@ -1,1 +1,1 @@
-"""What tracks teach cameras: how their detectors should be set."""
+"""What tracks teach cameras: how to detect, and where they look."""
