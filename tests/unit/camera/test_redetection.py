@@ -58,6 +58,7 @@ def job(options: dict[str, float], since: float = 0.0, until: float = math.inf, 
 
 
 def test_it_finds_what_a_live_detector_with_the_same_options_finds(kept: tuple[KeptFrame, ...]) -> None:
+    kept = kept[:80]
     for options in ({}, {"learning_rate": 0.2, "sensitivity": 30.0}):
         live = Pipeline(CAMERA, "foreground", options)
         expected = [live.process(unpack(frame), frame.t) for frame in kept]
@@ -66,7 +67,7 @@ def test_it_finds_what_a_live_detector_with_the_same_options_finds(kept: tuple[K
         for found, frame in zip(expected, told.frames, strict=True):
             assert frame.x == found.positions[:, 0].tolist()
             assert np.array(frame.box).reshape(-1, 4) == pytest.approx(3.2 * found.boxes)  # of the delivered picture
-        assert sum(len(frame.x) for frame in told.frames) > 50
+        assert sum(len(frame.x) for frame in told.frames) > 25
     assert told.rate == pytest.approx(4.0)
 
 
