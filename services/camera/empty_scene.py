@@ -2,25 +2,26 @@
 
 A background that begins with people in the picture takes them for furniture and leaves ghosts when they go; one that
 begins with the empty scene does not. So the scene is learned aside, slowly and from quiet places only: whoever is not
-detected for a while moves it by little, because no picture may change a pixel by more than a step. It is as small as
-the ring's pictures: options are tried on those with a detector that begins with it (``redetection``).
+detected for a while moves it by little, because no picture may change a pixel by more than a step.
 """
 
 from __future__ import annotations
 
 from typing import cast
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from services.camera.detector import Image
-from services.camera.frame_ring import shrunk
 
 __all__ = ["EmptyScene"]
 
-EVERY = 1.0
+WIDTH = 960
+"""Pixels across at most: what the shipped detector works on."""
+EVERY = 2.0
 """Seconds between two looks."""
-MEMORY = 300.0
+MEMORY = 150.0
 """Looks over which a known pixel is averaged."""
 STEP = 12.0
 """Grey levels a single look may pull at a known pixel."""
@@ -48,9 +49,11 @@ class EmptyScene:
         if abs(t - self._last) < EVERY:
             return False
         self._last = t
-        small = shrunk(image)
-        boxes = boxes * (small.shape[1] / image.shape[1])
-        image = small
+        height, width = image.shape[:2]
+        if width > WIDTH:
+            size = (WIDTH, max(round(height * WIDTH / width), 1))
+            image = cast(Image, cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+            boxes = boxes * (WIDTH / width)
         if self._mean is None or self._mean.shape != image.shape:
             self._mean = np.zeros(image.shape, np.float32)
             self._looks = np.zeros(image.shape[:2], np.uint16)
@@ -66,11 +69,16 @@ class EmptyScene:
 
     @property
     def picture(self) -> Image | None:
-        """The scene (h, w, 3), as small as the ring's pictures; None before nearly all of it is."""
+        """The scene (h, w, 3), no wider than ``WIDTH``; None before nearly all of it is."""
         mean = self._mean  # asked for by other threads too
         if mean is None or np.mean(self._looks >= KNOWN) < COMPLETE:
             return None
         return cast(Image, np.clip(mean + 0.5, 0.0, 255.0).astype(np.uint8))
+
+    def begin(self, picture: Image) -> None:
+        """Go on from a picture of the scene as it was."""
+        self._mean = picture.astype(np.float32)
+        self._looks = np.full(picture.shape[:2], KNOWN, np.uint16)
 
     def forget(self) -> None:
         """Begin anew: the camera looks elsewhere."""

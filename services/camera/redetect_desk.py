@@ -10,11 +10,12 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, BinaryIO, cast
 
+import cv2
 import msgspec
 import structlog
 
 from services.camera.detector import Image
-from services.camera.frame_ring import FrameRing, KeptFrame
+from services.camera.frame_ring import FrameRing, KeptFrame, unpack
 from services.camera.redetect_worker import send
 from services.camera.redetection import Job, RedetectError, read_question, reported
 from shared.bus import Question
@@ -89,7 +90,7 @@ class RedetectDesk:
                 self._detector,
                 options,
                 self._ring.size,
-                self._empty(),
+                _resized(self._empty(), kept[-1]),
                 begin,
                 end,
             )
@@ -124,6 +125,13 @@ class RedetectDesk:
             log.warning("a trial failed", status=self._process.returncode, reason=said.decode(errors="replace")[-500:])
             return _refusal("the trial failed; the camera's log says why")
         return told
+
+
+def _resized(empty: Image | None, like: KeptFrame) -> Image | None:
+    if empty is None:
+        return None
+    height, width = unpack(like).shape[:2]
+    return cast(Image, cv2.resize(empty, (width, height), interpolation=cv2.INTER_AREA))
 
 
 def _refusal(words: str) -> bytes:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from services.camera.detector import Image
 
-__all__ = ["SceneWatch"]
+__all__ = ["SceneWatch", "same_place"]
 
 Edges = NDArray[np.complex64]
 """Gradients (h, w), grey levels per pixel."""
@@ -73,8 +73,7 @@ class SceneWatch:
         if size != self._size:
             self.forget()
             self._size = size
-        small = cv2.resize(image, (WIDTH, max(round(WIDTH * size[1] / size[0]), 1)), interpolation=cv2.INTER_AREA)
-        self._looks.append(cast(Image, cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)))
+        self._looks.append(_grey(image))
         self._number += 1
         if len(self._looks) < LOOKS or self._number % COMPARED:
             return False
@@ -139,6 +138,17 @@ def agreement(known: Edges, edges: Edges) -> tuple[float, float, float]:
     down = (int(row) + rows // 2) % rows - rows // 2
     right = (int(column) + columns // 2) % columns - columns // 2
     return float(match[0, 0]), float(match[row, column]), float(np.hypot(down, right))
+
+
+def same_place(a: Image, b: Image) -> bool:
+    """Whether two pictures (h, w, 3), of whatever sizes and light, show one place from one place."""
+    first, second = _grey(a).astype(np.float32), _grey(b).astype(np.float32)
+    return first.shape == second.shape and agreement(_edges(first), _edges(second))[0] >= ALIKE
+
+
+def _grey(image: Image) -> Image:
+    size = (WIDTH, max(round(WIDTH * image.shape[0] / image.shape[1]), 1))
+    return cast(Image, cv2.cvtColor(cv2.resize(image, size, interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2GRAY))
 
 
 def _edges(grey: NDArray[np.float32]) -> Edges:

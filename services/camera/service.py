@@ -18,7 +18,8 @@ from services.camera.frames import Frame, Source, SourceError
 from services.camera.pipeline import Pipeline, to_message
 from services.camera.projection import GroundDetections, aligned
 from services.camera.redetect_desk import RedetectDesk
-from services.camera.scene_watch import SceneWatch
+from services.camera.scene_file import SceneFile
+from services.camera.scene_watch import SceneWatch, same_place
 from services.camera.settings import CameraSettings
 from services.camera.sources import open_source
 from services.camera.status import StatusBoard
@@ -70,6 +71,7 @@ class CameraService(Service[CameraSettings]):
         self._models = bus.inbox()
         self._ring = FrameRing(settings.ring_megabytes, settings.ring_minutes, settings.ring_rate)
         self._scene = EmptyScene()
+        self._scene_file = SceneFile(settings.scene_file)
         self._watch = SceneWatch()
         self._desk = RedetectDesk(
             self._camera,
@@ -157,8 +159,15 @@ class CameraService(Service[CameraSettings]):
                 self._pipeline.reset()
                 self._ring.clear()
                 self._scene.forget()
+            elif self._seq == 0 and (known := self._scene_file.load()) is not None:
+                self._scene.begin(known)
+                self._begin_empty(frame)
+        was_ready = self._pipeline.state == "ready"
         with DETECT_SECONDS.labels(camera).time():
             found = aligned(self._pipeline.process(frame.image, frame.t), self._learned_alignment())
+        if was_ready and self._pipeline.state == "learning":
+            # A hand before the lens, a jump of the light: who stands there now is no furniture.
+            self._begin_empty(frame)
         message = to_message(camera, self._floor, self._seq, frame.t, found)
         self._detections.publish(message, origin=frame.arrived)
         self._seq += 1
@@ -177,7 +186,21 @@ class CameraService(Service[CameraSettings]):
             self._scene.forget()
         if not self._watch.verdict:
             self._ring.offer(frame.image, frame.t)
-            self._scene.take(frame.image, found.boxes, frame.t)
+            if self._scene.take(frame.image, found.boxes, frame.t) and self._source.live:
+                self._scene_file.save(self._scene, frame.t)
+
+    def _begin_empty(self, frame: Frame) -> None:
+        """Let the background begin with the scene without people, if that is what the camera looks at."""
+        empty = self._scene.picture
+        if empty is None:
+            return
+        if not same_place(empty, frame.image):
+            if self._seq == 0:
+                log.warning("the empty scene kept from before is of another place and is learned anew")
+                self._scene.forget()
+            return
+        height, width = frame.image.shape[:2]
+        self._pipeline.prime(np.asarray(cv2.resize(empty, (width, height), interpolation=cv2.INTER_AREA), np.uint8))
 
     def _adopt(self, settings: DetectorSettings) -> None:
         """Let the running detector work with what was learned; what it cannot is told and changes nothing."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field
@@ -36,3 +37,8 @@ class CameraSettings(ServiceSettings):
     ring_minutes: float = Field(5.0, gt=0, le=60, description="how far back those pictures reach")
     ring_rate: float = Field(4.0, gt=0, le=30, description="how many of them are kept per second")
     redetect_patience: float = Field(300.0, gt=0, description="seconds a trial of other options may take")
+    scene_file: Path | None = Field(
+        None,
+        description="PNG in which what the scene looks like without people outlives a restart; by default it is in "
+        "memory only. Who stands unseen for long may leave a faint trace in it",
+    )

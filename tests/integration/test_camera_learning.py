@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest import unused_port
+from mjpeg_server import MjpegServer
 from waiting import wait_until
 
 from shared.bus import Bus
@@ -188,3 +189,21 @@ def test_a_covered_camera_is_degraded_and_says_why(start: Callable[..., Running]
     assert "covered" in camera.status.reason
     assert "covered" in camera.problems()["view"]
     assert "no pictures are kept" in str(camera.ask()["error"])  # those before are of another view
+
+
+def test_a_camera_that_knows_the_empty_scene_finds_who_stands_there_at_its_start(
+    start: Callable[..., Running], tmp_path: Path, free_port: int
+) -> None:
+    texture = np.random.default_rng(3).integers(40, 160, (30, 40, 3), np.uint8)
+    scene = np.asarray(cv2.resize(texture, (320, 240), interpolation=cv2.INTER_CUBIC), np.uint8)
+    stood = scene.copy()
+    cv2.rectangle(stood, (150, 90), (162, 140), (240, 240, 240), -1)
+    path = tmp_path / "scene.png"
+    cv2.imwrite(str(path), scene)
+    server = MjpegServer(free_port, lambda _: stood)
+    try:
+        camera = start({"url": f"http://127.0.0.1:{free_port}/stream.mjpeg"}, "--scene-file", str(path))
+        camera.until(lambda: len(camera.frames) >= 5, "detections")
+        assert all(len(frame.x) == 1 for frame in camera.frames)
+    finally:
+        server.close()

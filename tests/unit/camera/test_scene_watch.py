@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.camera.scene_watch import EVERY, SceneWatch
+from services.camera.scene_watch import EVERY, SceneWatch, same_place
 
 Image = NDArray[np.uint8]
 SIZE = (320, 240)
@@ -37,7 +37,7 @@ def seen(image: Image, number: int, light: float = 1.0) -> Image:
 
 
 def noisy(image: NDArray[np.float64], number: int) -> Image:
-    return np.clip(image + np.roll(NOISE, 37 * number, axis=1), 0, 255).astype(np.uint8)
+    return np.clip(image + np.resize(np.roll(NOISE, 37 * number, axis=1), image.shape), 0, 255).astype(np.uint8)
 
 
 def watch(watch_: SceneWatch, image: Image, first: int, count: int, light: float = 1.0) -> str:
@@ -88,3 +88,10 @@ def test_a_hand_before_the_lens_for_a_moment_is_not_told() -> None:
         watch_.take(np.full_like(HALL, 60), EVERY * number)
         assert watch_.verdict == ""
     assert watch(watch_, HALL, 26, 40) == ""
+
+
+def test_two_pictures_of_one_place_are_told_from_two_of_two() -> None:
+    assert same_place(HALL, seen(cv2.resize(HALL, (640, 480)), 3, light=0.7))  # type: ignore[arg-type]
+    assert not same_place(HALL, seen(scene(2), 3))
+    assert not same_place(HALL, np.full_like(HALL, 128))
+    assert not same_place(HALL, HALL[:, :200])
