@@ -85,6 +85,8 @@ class CameraService(Service[CameraSettings]):
         self._alignment, self._alignment_version = np.eye(3), 0
         self._alignments = bus.inbox(100)
         self._alignments.subscribe(self.keys.alignment(self._camera.id), CameraAlignment, cached=True)
+        self._lost = False
+        """Whether the background was lost, and not begun with the empty scene since."""
         self._seq = 0
         self._overtaken = 0
         self._delay = FIRST_DELAY
@@ -165,9 +167,8 @@ class CameraService(Service[CameraSettings]):
         was_ready = self._pipeline.state == "ready"
         with DETECT_SECONDS.labels(camera).time():
             found = aligned(self._pipeline.process(frame.image, frame.t), self._learned_alignment())
-        if was_ready and self._pipeline.state == "learning":
-            # A hand before the lens, a jump of the light: who stands there now is no furniture.
-            self._begin_empty(frame)
+        # A hand before the lens, a jump of the light: once the scene is back, who stands there is no furniture.
+        self._lost = self._pipeline.state == "learning" and (self._lost or was_ready) and not self._begin_empty(frame)
         message = to_message(camera, self._floor, self._seq, frame.t, found)
         self._detections.publish(message, origin=frame.arrived)
         self._seq += 1
@@ -189,18 +190,19 @@ class CameraService(Service[CameraSettings]):
             if self._scene.take(frame.image, found.boxes, frame.t) and self._source.live:
                 self._scene_file.save(self._scene, frame.t)
 
-    def _begin_empty(self, frame: Frame) -> None:
-        """Let the background begin with the scene without people, if that is what the camera looks at."""
+    def _begin_empty(self, frame: Frame) -> bool:
+        """Let the background begin with the scene without people, if the camera looks at that; whether it does."""
         empty = self._scene.picture
         if empty is None:
-            return
+            return False
         if not same_place(empty, frame.image):
             if self._seq == 0:
                 log.warning("the empty scene kept from before is of another place and is learned anew")
                 self._scene.forget()
-            return
+            return False
         height, width = frame.image.shape[:2]
         self._pipeline.prime(np.asarray(cv2.resize(empty, (width, height), interpolation=cv2.INTER_AREA), np.uint8))
+        return True
 
     def _adopt(self, settings: DetectorSettings) -> None:
         """Let the running detector work with what was learned; what it cannot is told and changes nothing."""

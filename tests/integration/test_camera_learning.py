@@ -200,10 +200,17 @@ def test_a_camera_that_knows_the_empty_scene_finds_who_stands_there_at_its_start
     cv2.rectangle(stood, (150, 90), (162, 140), (240, 240, 240), -1)
     path = tmp_path / "scene.png"
     cv2.imwrite(str(path), scene)
-    server = MjpegServer(free_port, lambda _: stood)
+    covered = np.full_like(scene, 255)
+    server = MjpegServer(free_port, lambda number: covered if 80 <= number < 90 else stood)
     try:
         camera = start({"url": f"http://127.0.0.1:{free_port}/stream.mjpeg"}, "--scene-file", str(path))
         camera.until(lambda: len(camera.frames) >= 5, "detections")
         assert all(len(frame.x) == 1 for frame in camera.frames)
+        # A hand before the lens: the background is lost, and does not take who stands there for furniture afterwards.
+        camera.until(lambda: not camera.frames[-1].x, "a covered lens")
+        camera.until(lambda: camera.frames[-1].x, "the figure")
+        covered_for = len(camera.frames)
+        camera.until(lambda: len(camera.frames) >= covered_for + 10, "more detections")
+        assert {len(frame.x) for frame in camera.frames[covered_for:]} == {1}
     finally:
         server.close()
