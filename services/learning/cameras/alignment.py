@@ -1,0 +1,335 @@
+"""Was a camera knocked? Those that look at the same floor say so, and what to do about it.
+
+Twice a minute each pair of cameras is asked which similarity brings the one's people onto the other's. A camera that
+all its neighbours contradict, while they agree with others, was knocked: a correction is learned from the time it
+happened on and proposed once it explains what came later. Where two cameras contradict each other and nobody else looks
+there, both are doubtful and a person must look. A camera alone is watched by ``turned_view``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, ClassVar, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from services.learning.cameras.registration import REACH, Snapshot, explained, moved, register
+from services.learning.cameras.turned_view import TurnedViews
+from services.learning.proposal import Proposal
+from services.learning.tracks.stretch import Stretch
+from shared.learning_report import ModelKind
+from shared.messages import CameraAlignment, DetectionFrame, Message
+
+__all__ = ["AlignmentLessons", "AlignmentReading"]
+
+Array = NDArray[np.float64]
+
+EVERY = 1.0
+"""Seconds between two snapshots of a pair."""
+TOGETHER = 0.1
+"""Seconds by which the frames of a snapshot may be apart."""
+KEPT = 900.0
+"""Seconds of snapshots."""
+RECENT = 30
+"""Snapshots a pair is judged by …"""
+LEAST = 15
+"""… and the least of them."""
+TAUGHT = 90
+"""Snapshots a correction is learned from, the latest."""
+JUDGED = 10
+"""Snapshots, newer than those that taught, that must judge it."""
+LOOK_EVERY = 30.0
+"""Seconds between two looks at a pair."""
+OFF = 0.35
+"""Metres two cameras may contradict each other: feet are seen two tenths nearer or further from another side."""
+LEAST_GAIN = 0.1
+"""Nats per detection; more than the two tenths are worth."""
+SURE = 3.0
+"""Standard errors."""
+BLOCK = 5
+"""Snapshots in a row whose gains are alike."""
+FURTHEST, MOST_TURN, MOST_STRETCH = 3.0, math.radians(16.0), 0.2
+"""Metres at the middle of what was seen, radians and a share that a correction may amount to."""
+
+
+@dataclass(frozen=True)
+class AlignmentReading:
+    """What is known of where a camera looks, in the terms of ``CameraLessons``.
+
+    Attributes:
+        state: ``unknown`` where nobody can say.
+        offset: metres by which its positions differ from what the others say.
+        words: for an operator; empty where nothing is wrong.
+    """
+
+    state: Literal["unknown", "fine", "doubtful", "knocked", "corrected"] = "unknown"
+    offset: float | None = None
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """What two cameras say of each other: whether they contradict, by how many metres, since when."""
+
+    off: bool
+    offset: float
+    since: float
+
+
+class _State(msgspec.Struct):
+    area: str
+    active: dict[str, CameraAlignment]
+
+
+class AlignmentLessons:
+    """Watches the cameras of an area.
+
+    Args:
+        area: its id.
+    """
+
+    kind: ClassVar[ModelKind] = "alignment"
+
+    def __init__(self, area: str) -> None:
+        self._area = area
+        self._newest: dict[str, tuple[float, Array]] = {}
+        self._snapshots: dict[tuple[str, str], deque[Snapshot]] = {}
+        self._pairs: dict[tuple[str, str], tuple[float, _Pair]] = {}
+        self._tried: dict[str, float] = {}
+        self._active: dict[str, CameraAlignment] = {}
+        self._views = TurnedViews()
+
+    def take_frame(self, frame: DetectionFrame) -> None:
+        """Take in what a camera saw, in order of time."""
+        self._views.take_frame(frame)
+        places = np.column_stack([frame.x, frame.y]).reshape(-1, 2)
+        self._newest[frame.camera] = (frame.t, places)
+        for other, (t, theirs) in self._newest.items():
+            if other == frame.camera or abs(frame.t - t) > TOGETHER:
+                continue
+            first, second = sorted((frame.camera, other))
+            kept = self._snapshots.setdefault((first, second), deque())
+            if kept and frame.t < kept[-1].t - KEPT:
+                kept.clear()
+                self._pairs.pop((first, second), None)
+            if kept and frame.t < kept[-1].t + EVERY:
+                continue
+            ours, of_second = (places, theirs) if frame.camera == first else (theirs, places)
+            near = np.linalg.norm(ours[:, None] - of_second[None], axis=2) < REACH
+            if near.any():
+                kept.append(Snapshot(frame.t, ours[near.any(axis=1)], of_second[near.any(axis=0)]))
+            while kept and kept[0].t < frame.t - KEPT:
+                kept.popleft()
+
+    def learn(self, stretch: Stretch) -> None:
+        """Take in how a phone's headings and steps agree with the view of the camera that saw its carrier."""
+        self._views.learn(stretch)
+
+    def forget(self, device: str) -> None:
+        """Forget a device."""
+        self._views.forget(device)
+
+    def propose(self, now: float, until: float) -> Sequence[Proposal]:
+        """Return corrections of cameras that were knocked, learned up to ``until`` and judged by what came after."""
+        proposals = []
+        for camera in self.cameras:
+            witnesses, since = self._against(camera)
+            newest = max((self._snapshots[_key(camera, other)][-1].t for other in witnesses), default=-math.inf)
+            if not witnesses or newest < self._tried.get(camera, -math.inf) + LOOK_EVERY:
+                continue
+            self._tried[camera] = newest
+            proposal = self._propose(camera, witnesses, since, now, until)
+            if proposal is not None:
+                proposals.append(proposal)
+        return proposals
+
+    def activated(self, model: Message) -> None:
+        """Know the correction in use; what was seen before it is no evidence any more."""
+        if not isinstance(model, CameraAlignment):
+            return
+        self._active[model.camera] = model
+        self._views.restart(model.camera)
+        for pair in [pair for pair in self._snapshots if model.camera in pair]:
+            del self._snapshots[pair]
+            self._pairs.pop(pair, None)
+
+    def reading(self, camera: str) -> AlignmentReading:
+        """Return what is known of a camera by now."""
+        pairs = {other: self._pair(camera, other) for other in self.cameras if other != camera}
+        known = {other: pair for other, pair in pairs.items() if pair is not None}
+        off = {other: pair for other, pair in known.items() if pair.off}
+        if not off:
+            turned = self._views.words(camera)
+            if turned:
+                return AlignmentReading("doubtful", None, turned)
+            if not known:
+                return AlignmentReading()
+            return AlignmentReading("corrected" if self._corrected(camera) else "fine", _median(known), "")
+        offset, since = _median(off), _clock(min(pair.since for pair in off.values()))
+        others = ", ".join(sorted(off))
+        witnesses, _ = self._against(camera)
+        if witnesses:
+            words = f"positions of camera {camera} have shifted by about {offset:.1f} m since {since}: was it knocked?"
+            return AlignmentReading("knocked", offset, words)
+        if any(self._against(other)[0] for other in off):
+            return AlignmentReading("fine", None, "")  # it is the other one
+        words = (
+            f"positions of camera {camera} and of {others} differ by about {offset:.1f} m since {since}: one of "
+            "them was knocked, look which"
+        )
+        return AlignmentReading("doubtful", offset, words)
+
+    @property
+    def cameras(self) -> list[str]:
+        """Of which something was heard."""
+        return sorted(self._newest)
+
+    def state(self) -> dict[str, Any]:
+        """Return the corrections in use; what cameras see now is known again within a minute."""
+        state: dict[str, Any] = msgspec.to_builtins(_State(self._area, self._active))
+        return state
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from ``state()``.
+
+        Raises:
+            ValueError: it is none, or another area's.
+        """
+        try:
+            known = msgspec.convert(state, _State)
+        except msgspec.ValidationError as error:
+            raise ValueError(f"alignment lessons: {error}") from error
+        if known.area != self._area:
+            raise ValueError(f"alignment lessons: area: {known.area!r}; allowed: {self._area!r}")
+        self._active = known.active
+
+    def _corrected(self, camera: str) -> bool:
+        active = self._active.get(camera)
+        return active is not None and not np.allclose(active.homography, np.eye(3).ravel())
+
+    def _against(self, camera: str) -> tuple[list[str], float]:
+        """Return the cameras that contradict this one and are themselves borne out by others, and since when.
+
+        Nobody, where one that looks at the same floor agrees with it.
+        """
+        off: list[str] = []
+        since = math.inf
+        for other in self.cameras:
+            pair = self._pair(camera, other) if other != camera else None
+            if pair is None:
+                continue
+            if not pair.off:
+                return [], math.inf
+            others = (self._pair(other, third) for third in self.cameras if third not in (camera, other))
+            if any(third is not None and not third.off for third in others):
+                off.append(other)
+                since = min(since, pair.since)
+        return off, since
+
+    def _pair(self, one: str, other: str) -> _Pair | None:
+        """Return what two cameras say of each other now; None where too little was seen by both."""
+        key = _key(one, other)
+        snapshots = self._snapshots.get(key)
+        if not snapshots:
+            return None
+        newest = snapshots[-1].t
+        judged = self._pairs.get(key)
+        if judged is None or newest >= judged[0] + LOOK_EVERY:
+            pair = _judge(list(snapshots))
+            if pair is None:
+                return None
+            judged = self._pairs[key] = (newest, pair)
+        return judged[1]
+
+    def _propose(
+        self, camera: str, witnesses: Sequence[str], since: float, now: float, until: float
+    ) -> Proposal | None:
+        seen = list(itertools.chain(*(self._of(camera, other) for other in witnesses)))
+        seen = sorted((one for one in seen if one.t >= since), key=lambda one: one.t)
+        taught = [one for one in seen if one.t <= until][-TAUGHT * len(witnesses) :]
+        judges = [one for one in seen if one.t > until]
+        found = register(taught) if len(taught) >= LEAST else None
+        if found is None or len(judges) < JUDGED:
+            return None
+        places = np.concatenate([one.ours for one in taught])
+        if not _allowed(found, places):
+            return None
+        mean, margin = _gain(judges, found)
+        if mean <= margin:
+            return None
+        active = self._active.get(camera)
+        before = np.eye(3) if active is None else np.reshape(active.homography, (3, 3))
+        offset = float(np.linalg.norm(moved(found, places) - places, axis=1).mean())
+        reason = f"positions have shifted by about {offset:.1f} m since {_clock(since)}, say {', '.join(witnesses)}"
+        a, b, c, d, e, f, g, h, i = (float(value) for value in (found @ before).ravel())
+        homography = (a, b, c, d, e, f, g, h, i)
+        return Proposal(
+            kind=self.kind,
+            subject=camera,
+            area=self._area,
+            model=CameraAlignment(t=now, camera=camera, version=0, homography=homography, reason=reason),
+            trained_until=until,
+            gain=mean,
+            margin=margin,
+            evidence={
+                "offset": offset,
+                "detections": float(len(places)),
+                "turn": math.atan2(found[1, 0], found[0, 0]),
+                "since": since,
+            },
+            reason=reason,
+        )
+
+    def _of(self, camera: str, other: str) -> list[Snapshot]:
+        kept = self._snapshots[_key(camera, other)]
+        if camera < other:
+            return list(kept)
+        return [Snapshot(one.t, one.theirs, one.ours) for one in kept]
+
+
+def _judge(snapshots: Sequence[Snapshot]) -> _Pair | None:
+    recent = snapshots[-RECENT:]
+    found = register(recent) if len(recent) >= LEAST else None
+    if found is None:
+        return None
+    places = np.concatenate([one.ours for one in recent])
+    offset = float(np.median(np.linalg.norm(moved(found, places) - places, axis=1)))
+    mean, margin = _gain(recent, found)
+    if offset < OFF or mean < margin:
+        return _Pair(False, offset, math.inf)
+    # It began where, from there on, the correction was the better of the two (a cumulative sum).
+    better = np.cumsum(explained(snapshots, found) - explained(snapshots, np.eye(3)))
+    since = snapshots[min(int(np.argmin(better)) + 1, len(snapshots) - 1)].t if better.min() < 0.0 else snapshots[0].t
+    return _Pair(True, offset, since)
+
+
+def _gain(snapshots: Sequence[Snapshot], homography: Array) -> tuple[float, float]:
+    """Return the gain of a correction over none, nats per detection, and what it must exceed."""
+    nats = explained(snapshots, homography) - explained(snapshots, np.eye(3))
+    blocks = np.array([block.mean() for block in np.array_split(nats, max(2, len(nats) // BLOCK))])
+    return float(nats.mean()), max(LEAST_GAIN, SURE * float(blocks.std(ddof=1)) / math.sqrt(len(blocks)))
+
+
+def _allowed(found: Array, places: Array) -> bool:
+    shift = np.linalg.norm(moved(found, places).mean(axis=0) - places.mean(axis=0))
+    turn, scale = math.atan2(found[1, 0], found[0, 0]), math.hypot(found[0, 0], found[1, 0])
+    return bool(shift <= FURTHEST and abs(turn) <= MOST_TURN and abs(scale - 1.0) <= MOST_STRETCH)
+
+
+def _key(one: str, other: str) -> tuple[str, str]:
+    return (one, other) if one < other else (other, one)
+
+
+def _median(pairs: Mapping[str, _Pair]) -> float:
+    return float(np.median([pair.offset for pair in pairs.values()]))
+
+
+def _clock(t: float) -> str:
+    return datetime.fromtimestamp(t, UTC).strftime("%H:%M UTC")
