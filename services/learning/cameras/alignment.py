@@ -2,8 +2,9 @@
 
 Twice a minute each pair of cameras is asked which similarity brings the one's people onto the other's. A camera that
 all its neighbours contradict, while they agree with others, was knocked: a correction is learned from the time it
-happened on and proposed once it explains what came later. Where two cameras contradict each other and nobody else looks
-there, both are doubtful and a person must look. A camera alone is watched by ``turned_view``.
+happened on and proposed once it explains what came later. Where two cameras contradict each other, the plan may tell
+which one is wrong; else both are doubtful and a person must look. A camera alone is watched by ``blocked_places``,
+which notices and cannot mend.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from services.learning.cameras.blocked_places import BlockedPlaces, Walkable
 from services.learning.cameras.registration import REACH, Snapshot, explained, moved, register
-from services.learning.cameras.turned_view import TurnedViews
 from services.learning.proposal import Proposal
 from services.learning.tracks.stretch import Stretch
 from shared.learning_report import ModelKind
@@ -93,22 +94,23 @@ class AlignmentLessons:
 
     Args:
         area: its id.
+        walkable: whether a person can stand at each of (n, 2) places, such as ``FloorPlan.walkable`` of its floor.
     """
 
     kind: ClassVar[ModelKind] = "alignment"
 
-    def __init__(self, area: str) -> None:
+    def __init__(self, area: str, walkable: Walkable) -> None:
         self._area = area
         self._newest: dict[str, tuple[float, Array]] = {}
         self._snapshots: dict[tuple[str, str], deque[Snapshot]] = {}
         self._pairs: dict[tuple[str, str], tuple[float, _Pair]] = {}
         self._tried: dict[str, float] = {}
         self._active: dict[str, CameraAlignment] = {}
-        self._views = TurnedViews()
+        self._blocked = BlockedPlaces(walkable)
 
     def take_frame(self, frame: DetectionFrame) -> None:
         """Take in what a camera saw, in order of time."""
-        self._views.take_frame(frame)
+        self._blocked.take_frame(frame)
         places = np.column_stack([frame.x, frame.y]).reshape(-1, 2)
         self._newest[frame.camera] = (frame.t, places)
         for other, (t, theirs) in self._newest.items():
@@ -129,12 +131,10 @@ class AlignmentLessons:
                 kept.popleft()
 
     def learn(self, stretch: Stretch) -> None:
-        """Take in how a phone's headings and steps agree with the view of the camera that saw its carrier."""
-        self._views.learn(stretch)
+        """Take in nothing: what cameras see of everybody says more than what they see of who carries a phone."""
 
     def forget(self, device: str) -> None:
-        """Forget a device."""
-        self._views.forget(device)
+        """Forget a device: nothing is known of any."""
 
     def propose(self, now: float, until: float) -> Sequence[Proposal]:
         """Return corrections of cameras that were knocked, learned up to ``until`` and judged by what came after."""
@@ -155,7 +155,7 @@ class AlignmentLessons:
         if not isinstance(model, CameraAlignment):
             return
         self._active[model.camera] = model
-        self._views.restart(model.camera)
+        self._blocked.restart(model.camera)
         for pair in [pair for pair in self._snapshots if model.camera in pair]:
             del self._snapshots[pair]
             self._pairs.pop(pair, None)
@@ -166,9 +166,9 @@ class AlignmentLessons:
         known = {other: pair for other, pair in pairs.items() if pair is not None}
         off = {other: pair for other, pair in known.items() if pair.off}
         if not off:
-            turned = self._views.words(camera)
-            if turned:
-                return AlignmentReading("doubtful", None, turned)
+            alone = self._alone(camera)
+            if alone is not None:
+                return alone
             if not known:
                 return AlignmentReading()
             return AlignmentReading("corrected" if self._corrected(camera) else "fine", _median(known), "")
@@ -210,15 +210,28 @@ class AlignmentLessons:
             raise ValueError(f"alignment lessons: area: {known.area!r}; allowed: {self._area!r}")
         self._active = known.active
 
+    def _alone(self, camera: str) -> AlignmentReading | None:
+        """Return what the plan says against a camera that no other contradicts."""
+        blocked = self._blocked.reading(camera)
+        if blocked is None:
+            return None
+        where = f"{100.0 * blocked.share:.0f} % of the people camera {camera} sees stand where nobody can"
+        if blocked.usual is None:
+            return AlignmentReading("doubtful", None, f"{where}: are its calibration and the floor's plan right?")
+        where += f", before {100.0 * blocked.usual:.1f} %"
+        return AlignmentReading("knocked", None, f"since {_clock(blocked.since)} {where}: was it knocked?")
+
     def _corrected(self, camera: str) -> bool:
         active = self._active.get(camera)
         return active is not None and not np.allclose(active.homography, np.eye(3).ravel())
 
     def _against(self, camera: str) -> tuple[list[str], float]:
-        """Return the cameras that contradict this one and are themselves borne out by others, and since when.
+        """Return the cameras that contradict this one and are in the right, and since when.
 
-        Nobody, where one that looks at the same floor agrees with it.
+        They are where others bear them out, or the plan does: this one's people stand where nobody can, theirs do not.
+        Nobody is, where one that looks at the same floor agrees with this one.
         """
+        impossible = self._blocked.reading(camera) is not None
         off: list[str] = []
         since = math.inf
         for other in self.cameras:
@@ -228,7 +241,8 @@ class AlignmentLessons:
             if not pair.off:
                 return [], math.inf
             others = (self._pair(other, third) for third in self.cameras if third not in (camera, other))
-            if any(third is not None and not third.off for third in others):
+            borne_out = any(third is not None and not third.off for third in others)
+            if borne_out or (impossible and self._blocked.reading(other) is None):
                 off.append(other)
                 since = min(since, pair.since)
         return off, since

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from services.learning.cameras.alignment import AlignmentLessons, AlignmentReading
+from services.learning.cameras.blocked_places import Walkable
 from services.learning.cameras.registration import Snapshot, explained, moved, register
 from services.learning.proposal import Proposal
 from shared.messages import CameraAlignment, DetectionFrame
@@ -15,6 +16,10 @@ from shared.messages import CameraAlignment, DetectionFrame
 Array = NDArray[np.float64]
 T0 = 1_700_000_000.0
 VIEWS = {"east": (8.0, 24.0), "middle": (4.0, 18.0), "west": (0.0, 12.0)}
+
+
+def everywhere(places: Array) -> NDArray[np.bool_]:
+    return np.ones(len(places), np.bool_)
 
 
 def turned(degrees: float, x: float, y: float, about: tuple[float, float] = (14.0, 5.0)) -> Array:
@@ -27,12 +32,20 @@ def turned(degrees: float, x: float, y: float, about: tuple[float, float] = (14.
 class Hall:
     """People wander through a hall of 24 x 10 m that cameras look at; one of them is knocked after a while."""
 
-    def __init__(self, cameras: tuple[str, ...], knocked: str, knock: Array, at: float = 60.0, seed: int = 1) -> None:
+    def __init__(
+        self,
+        cameras: tuple[str, ...],
+        knocked: str,
+        knock: Array,
+        at: float = 60.0,
+        seed: int = 1,
+        walkable: Walkable = everywhere,
+    ) -> None:
         self.rng = np.random.default_rng(seed)
         self.cameras, self.knocked, self.knock, self.at = cameras, knocked, knock, at
         self.place = self.rng.uniform([0.0, 0.0], [24.0, 10.0], (24, 2))
         self.pace = self.rng.normal(0.0, 0.7, self.place.shape)
-        self.lessons = AlignmentLessons("hall")
+        self.lessons = AlignmentLessons("hall", walkable)
         self.t = 0.0
         self.noticed: float | None = None
 
@@ -139,6 +152,33 @@ def test_two_cameras_that_contradict_each_other_are_doubtful_and_neither_is_move
         assert reading.offset == pytest.approx(1.2, abs=0.3)
 
 
+def test_the_plan_tells_which_of_two_cameras_is_wrong() -> None:
+    def inside(places: Array) -> NDArray[np.bool_]:
+        return (places[:, 0] > -0.5) & (places[:, 0] < 24.5)
+
+    hall = Hall(("east", "middle"), "east", turned(0, 2.7, 0.0), at=200.0, walkable=inside)
+    proposals = hall.run(400.0, learn=True)
+    readings = hall.readings()
+    assert (readings["east"].state, readings["middle"].state) == ("knocked", "fine")
+    assert {proposal.subject for proposal in proposals} == {"east"}
+
+
+def test_a_camera_alone_is_noticed_where_its_people_stand_where_nobody_can() -> None:
+    def inside(places: Array) -> NDArray[np.bool_]:
+        return places[:, 0] < 24.5
+
+    hall = Hall(("east",), "east", turned(0, 2.7, 0.0), at=200.0, walkable=inside)
+    assert hall.run(200.0) == []
+    assert hall.readings()["east"].state == "unknown"
+    hall.run(400.0)
+    reading = hall.readings()["east"]
+    assert reading.state == "knocked"
+    assert "stand where nobody can" in reading.words
+    wrong = Hall(("east",), "east", turned(0, 2.7, 0.0), at=0.0, walkable=inside)
+    wrong.run(190.0)
+    assert "calibration" in wrong.readings()["east"].words
+
+
 def test_a_camera_turned_round_is_flagged_and_not_corrected() -> None:
     hall = Hall(("east", "middle", "west"), "east", turned(0, 3.3, 0.0))
     assert hall.run(150.0, learn=True) == []
@@ -151,10 +191,10 @@ def test_a_camera_alone_says_nothing_of_itself() -> None:
 
 
 def test_corrections_in_use_survive_and_memory_is_bounded() -> None:
-    lessons = AlignmentLessons("hall")
+    lessons = AlignmentLessons("hall", everywhere)
     model = CameraAlignment(t=1.0, camera="east", version=3, homography=(1.0, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
     lessons.activated(model)
-    other = AlignmentLessons("hall")
+    other = AlignmentLessons("hall", everywhere)
     other.restore(msgspec.json.decode(msgspec.json.encode(lessons.state())))
     assert other.state() == lessons.state()
     for wrong in ({}, {"area": "elsewhere", "active": {}}):
