@@ -52,12 +52,14 @@ OFF = 0.35
 """Metres two cameras may contradict each other: feet are seen two tenths nearer or further from another side."""
 LEAST_GAIN = 0.1
 """Nats per detection; more than the two tenths are worth."""
+MENDED = 0.4
+"""Nats per detection that a correction must be worth: half a metre put right is worth 0.6, a chance find 0.15."""
 SURE = 3.0
 """Standard errors."""
 BLOCK = 5
 """Snapshots in a row whose gains are alike."""
-FURTHEST, MOST_TURN, MOST_STRETCH = 3.0, math.radians(16.0), 0.2
-"""Metres at the middle of what was seen, radians and a share that a correction may amount to."""
+FURTHEST, MOST_TURN, MOST_STRETCH = 3.0, math.radians(16.0), 0.3
+"""Metres, radians and a share that a correction may amount to where people were seen, in the median."""
 
 
 @dataclass(frozen=True)
@@ -95,17 +97,20 @@ class AlignmentLessons:
     Args:
         area: its id.
         walkable: whether a person can stand at each of (n, 2) places, such as ``FloorPlan.walkable`` of its floor.
+        hangs: by camera, (x, y, z) metres, such as ``CameraGeometry.position``; turns of a camera it does not hold are
+            mended where they amount to a shift, a turn and a stretch of the plan.
     """
 
     kind: ClassVar[ModelKind] = "alignment"
 
-    def __init__(self, area: str, walkable: Walkable) -> None:
+    def __init__(self, area: str, walkable: Walkable, hangs: Mapping[str, Array] | None = None) -> None:
         self._area = area
         self._newest: dict[str, tuple[float, Array]] = {}
         self._snapshots: dict[tuple[str, str], deque[Snapshot]] = {}
         self._pairs: dict[tuple[str, str], tuple[float, _Pair]] = {}
         self._tried: dict[str, float] = {}
         self._active: dict[str, CameraAlignment] = {}
+        self._hangs = dict(hangs or {})
         self._blocked = BlockedPlaces(walkable)
 
     def take_frame(self, frame: DetectionFrame) -> None:
@@ -269,13 +274,14 @@ class AlignmentLessons:
         seen = sorted((one for one in seen if one.t >= since), key=lambda one: one.t)
         taught = [one for one in seen if one.t <= until][-TAUGHT * len(witnesses) :]
         judges = [one for one in seen if one.t > until]
-        found = register(taught) if len(taught) >= LEAST else None
+        found = register(taught, self._hangs.get(camera)) if len(taught) >= LEAST else None
         if found is None or len(judges) < JUDGED:
             return None
         places = np.concatenate([one.ours for one in taught])
         if not _allowed(found, places):
             return None
         mean, margin = _gain(judges, found)
+        margin = max(margin, MENDED)
         if mean <= margin:
             return None
         active = self._active.get(camera)
@@ -332,9 +338,17 @@ def _gain(snapshots: Sequence[Snapshot], homography: Array) -> tuple[float, floa
 
 
 def _allowed(found: Array, places: Array) -> bool:
-    shift = np.linalg.norm(moved(found, places).mean(axis=0) - places.mean(axis=0))
-    turn, scale = math.atan2(found[1, 0], found[0, 0]), math.hypot(found[0, 0], found[1, 0])
-    return bool(shift <= FURTHEST and abs(turn) <= MOST_TURN and abs(scale - 1.0) <= MOST_STRETCH)
+    """Whether a correction is no more than a knock, by how far it shifts, turns and stretches."""
+    there = moved(found, places)
+    across, up = (moved(found, places + step) - there for step in (np.array([0.01, 0.0]), np.array([0.0, 0.01])))
+    turn = np.arctan2(across[:, 1] - up[:, 0], across[:, 0] + up[:, 1])
+    stretch = 0.5 * np.abs(np.log(np.abs(across[:, 0] * up[:, 1] - across[:, 1] * up[:, 0]) / 1e-4))
+    shift = np.linalg.norm(there - places, axis=1)
+    return bool(
+        np.median(shift) <= FURTHEST
+        and np.abs(np.median(turn)) <= MOST_TURN
+        and np.median(stretch) <= math.log1p(MOST_STRETCH)
+    )
 
 
 def _key(one: str, other: str) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""Two cameras look at one floor: which turn, stretch and shift brings what one of them sees onto what the other sees?
+"""Two cameras look at one floor: which correction brings what one of them sees onto what the other sees?
 
 Nobody says who is who, and a knocked camera sees people a metre or two from where they are, among others. So nobody is
 paired beforehand: all that are in reach of each other vote for a shift, at each turn, and only the right one gets a
@@ -13,14 +13,22 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-__all__ = ["REACH", "Snapshot", "explained", "register"]
+__all__ = ["REACH", "Snapshot", "explained", "moved", "register", "turn_of"]
 
 Array = NDArray[np.float64]
 
+FAR = 1e6
 REACH = 3.5
 """Metres; who is further apart is no pair."""
 TURNS: Array = np.radians(np.arange(-14.0, 14.1, 2.0))
+PANS: Array = np.radians(np.arange(-12.0, 12.1, 2.0))
+TILTS: Array = np.radians(np.arange(-5.0, 5.1, 1.0))
+"""About the vertical, and about either axis of the plan."""
+TURN_SIGMA = math.radians(10.0)
+VOTE_REACH = 0.6
+"""Metres."""
 BIN = 0.3
 """Metres of a vote."""
 MOST_VOTES = 4000
@@ -35,7 +43,7 @@ LEAST_PAIRS = 30
 LEAST_SPREAD = 0.7
 """Metres of standard deviation of the pairs' places, below which a turn or a stretch cannot be told from a shift."""
 BELIEF = 40.0
-"""Pairs' worth of belief that a knock neither stretches the plan nor, beyond ``TURN_SIGMA``, turns it."""
+"""Pairs' worth of belief that a knock neither stretches the plan nor turns it."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +61,68 @@ class Snapshot:
     theirs: Array
 
 
-def register(snapshots: Sequence[Snapshot]) -> Array | None:
-    """Return the similarity (3, 3) from ``ours`` to ``theirs``; None where too few pairs say anything."""
+def register(snapshots: Sequence[Snapshot], hangs: Array | None = None) -> Array | None:
+    """Return the homography (3, 3) from ``ours`` to ``theirs``; None where too few pairs say anything.
+
+    Args:
+        snapshots: what both saw.
+        hangs: (3,) metres, where our camera hangs; with it, its turns about that place are tried beside similarities.
+    """
+    even = _register_similarity(snapshots)
+    turned = None if hangs is None else _register_turn(snapshots, hangs)
+    if even is None or turned is None:
+        return turned if even is None else even
+    return max((even, turned), key=lambda found: float(explained(snapshots, found).mean()))
+
+
+def turn_of(rotation: Array, hangs: Array) -> Array:
+    """Return what a camera's turn about the place (3,) it hangs at does to the plan: a homography (3, 3).
+
+    Whatever its lens is: a ray to the floor is turned, and meets the floor elsewhere.
+
+    Args:
+        rotation: (3,) radians about x, y and z of the plan, small.
+        hangs: (3,) metres.
+    """
+    ray = np.array([[1.0, 0.0, -hangs[0]], [0.0, 1.0, -hangs[1]], [0.0, 0.0, -hangs[2]]])
+    matrix = np.linalg.solve(ray, Rotation.from_rotvec(rotation).as_matrix() @ ray)
+    found: Array = matrix / matrix[2, 2]
+    return found
+
+
+def _register_turn(snapshots: Sequence[Snapshot], hangs: Array) -> Array | None:
+    candidates = [_candidates(snapshot) for snapshot in snapshots]
+    x, y = (np.concatenate([pair[side] for pair in candidates] or [np.empty((0, 2))]) for side in (0, 1))
+    if len(x) < LEAST_PAIRS:
+        return None
+    every = -(-len(x) // MOST_VOTES)
+    x, y = x[::every], y[::every]
+    grid = np.stack(np.meshgrid(TILTS, TILTS, PANS, indexing="ij"), axis=-1).reshape(-1, 3)
+    votes = [_near(x, y, turn_of(rotation, hangs)) for rotation in grid]
+    rotation = grid[int(np.argmax(votes))]
+    for gate in (*GATES[:1] * 3, *GATES):
+        found = turn_of(rotation, hangs)
+        chosen = [_mutual(moved(found, snapshot.ours), snapshot, gate) for snapshot in snapshots]
+        x, y = (np.concatenate([pair[side] for pair in chosen]) for side in (0, 1))
+        if len(x) < LEAST_PAIRS:
+            return None
+        off = y - moved(found, x)
+        weight = 1.0 / (1.0 + (off**2).sum(axis=1) / SIGMA**2)
+        slope = np.stack([moved(turn_of(rotation + d, hangs), x) - moved(found, x) for d in 1e-5 * np.eye(3)]) / 1e-5
+        information = np.einsum("ank,n,bnk->ab", slope, weight, slope) + np.eye(3) / TURN_SIGMA**2 * SIGMA**2
+        rotation = rotation + np.linalg.solve(information, np.einsum("ank,n,nk->a", slope, weight, off))
+    return turn_of(rotation, hangs)
+
+
+def _near(x: Array, y: Array, homography: Array) -> int:
+    """Return how many of the pairs (n, 2) come together; nobody beyond the horizon does."""
+    scale = x @ homography[2, :2] + homography[2, 2]
+    mapped = x @ homography[:2, :2].T + homography[:2, 2]
+    off = mapped - y * scale[:, None]
+    return int(((scale > 0.1) & ((off**2).sum(axis=1) < (VOTE_REACH * scale) ** 2)).sum())
+
+
+def _register_similarity(snapshots: Sequence[Snapshot]) -> Array | None:
     candidates = [_candidates(snapshot) for snapshot in snapshots]
     ours, theirs = (np.concatenate([pair[side] for pair in candidates] or [np.empty((0, 2))]) for side in (0, 1))
     if len(ours) < LEAST_PAIRS:
@@ -64,12 +132,10 @@ def register(snapshots: Sequence[Snapshot]) -> Array | None:
     ours, theirs = ours[::every], theirs[::every]
     best = max((_vote(ours - centre, theirs - centre, turn) for turn in TURNS), key=lambda vote: vote[0])
     found = _similarity(best[1], 1.0, best[2], centre)
-    pairs = 0
     for gate in GATES:
         chosen = [_mutual(moved(found, snapshot.ours), snapshot, gate) for snapshot in snapshots]
         x, y = (np.concatenate([pair[side] for pair in chosen]) for side in (0, 1))
-        pairs = len(x)
-        if pairs < LEAST_PAIRS:
+        if len(x) < LEAST_PAIRS:
             return None
         found = _fit(x, y, moved(found, x))
     return found
@@ -90,9 +156,10 @@ def explained(snapshots: Sequence[Snapshot], homography: Array) -> Array:
 
 
 def moved(homography: Array, places: Array) -> Array:
-    """Return places (n, 2) after a homography (3, 3) of the plan."""
+    """Return places (n, 2) after a homography (3, 3) of the plan; what comes beyond the horizon is far away."""
     mapped = places @ homography[:2, :2].T + homography[:2, 2]
-    there: Array = mapped / (places @ homography[2, :2] + homography[2, 2])[:, None]
+    scale = places @ homography[2, :2] + homography[2, 2]
+    there: Array = np.where(scale[:, None] > 1e-3, mapped / np.maximum(scale, 1e-3)[:, None], FAR)
     return there
 
 

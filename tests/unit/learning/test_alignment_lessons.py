@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from services.learning.cameras.alignment import AlignmentLessons, AlignmentReading
 from services.learning.cameras.blocked_places import Walkable
-from services.learning.cameras.registration import Snapshot, explained, moved, register
+from services.learning.cameras.registration import Snapshot, explained, moved, register, turn_of
 from services.learning.proposal import Proposal
 from shared.messages import CameraAlignment, DetectionFrame
 
@@ -104,6 +104,25 @@ def test_whoever_is_who_two_views_are_brought_onto_each_other(knock: Array) -> N
     grid = np.stack(np.meshgrid(np.arange(5.0, 20.0), np.arange(1.0, 10.0)), axis=-1).reshape(-1, 2)
     assert np.linalg.norm(moved(found, moved(knock, grid)) - grid, axis=1).max() < 0.15
     assert explained(snapshots, found).mean() > explained(snapshots, np.eye(3)).mean() + 0.5
+
+
+@pytest.mark.parametrize("rotation", [(0.0, 0.0, 0.1), (0.04, 0.0, 0.0), (-0.02, 0.03, 0.05)])
+def test_a_camera_that_was_tilted_is_put_right_where_it_is_known_where_it_hangs(
+    rotation: tuple[float, float, float],
+) -> None:
+    rng = np.random.default_rng(4)
+    hangs = np.array([12.0, -1.0, 6.0])
+    knock: Array = np.asarray(np.linalg.inv(turn_of(np.array(rotation), hangs)), np.float64)
+    snapshots = []
+    for second in range(40):
+        people = rng.uniform([4.0, 2.0], [20.0, 12.0], (15, 2))
+        theirs = people[rng.random(15) < 0.85]
+        ours = people[rng.random(15) < 0.85]
+        snapshots.append(Snapshot(float(second), moved(knock, ours + rng.normal(0.0, 0.1, ours.shape)), theirs))
+    found = register(snapshots, hangs)
+    assert found is not None
+    grid = np.stack(np.meshgrid(np.arange(5.0, 20.0), np.arange(3.0, 12.0)), axis=-1).reshape(-1, 2)
+    assert np.linalg.norm(moved(found, moved(knock, grid)) - grid, axis=1).max() < 0.15
 
 
 def test_nobody_in_common_says_nothing() -> None:
