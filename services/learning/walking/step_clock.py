@@ -135,17 +135,15 @@ class StepClock:
 
 def _sightings(stretch: Stretch, frames: deque[tuple[float, Array]]) -> tuple[Array, Array]:
     """Return times (n,) and places (n, 2) of the one detection near the track in each frame."""
-    t: list[float] = []
-    place: list[Array] = []
-    for at, found in frames:
-        if not stretch.t[0] <= at <= stretch.t[-1] or not len(found):
-            continue
-        where = np.array([np.interp(at, stretch.t, stretch.place[:, axis]) for axis in (0, 1)])
-        near = np.flatnonzero(np.hypot(*(found - where).T) < NEAR)
+    inside = [(at, found) for at, found in frames if stretch.t[0] <= at <= stretch.t[-1] and len(found)]
+    times = np.array([at for at, _ in inside])
+    where = np.column_stack([np.interp(times, stretch.t, stretch.place[:, axis]) for axis in (0, 1)])
+    rows: list[tuple[float, Array]] = []
+    for (at, found), spot in zip(inside, where, strict=True):
+        near = np.flatnonzero(((found - spot) ** 2).sum(axis=1) < NEAR**2)
         if len(near) == 1:
-            t.append(at)
-            place.append(found[near[0]])
-    return np.array(t), np.array(place).reshape(-1, 2)
+            rows.append((at, found[near[0]]))
+    return np.array([at for at, _ in rows]), np.array([spot for _, spot in rows]).reshape(-1, 2)
 
 
 def _curve(t: Array, place: Array, step_t: Array, length: Array) -> Array | None:
