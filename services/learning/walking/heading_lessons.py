@@ -80,7 +80,7 @@ class HeadingLessons:
         self._area = area
         self._rows: dict[str, Array] = {}
         self._models: dict[str, HeadingModel] = {}
-        self._tried: dict[str, float] = {}
+        self._tried: dict[str, tuple[float, int]] = {}
 
     def learn(self, stretch: Stretch) -> None:
         """Take in how its runs of steps were turned against the track."""
@@ -111,10 +111,10 @@ class HeadingLessons:
         """Return the biases which, learned without a walk, make that walk's headings better."""
         proposals = []
         for device, rows in self._rows.items():
-            newest = float(rows[-1, T])
-            if self._tried.get(device) == newest:
+            known = (float(rows[-1, T]), int((rows[:, T] <= until).sum()))
+            if self._tried.get(device) == known:
                 continue
-            self._tried[device] = newest
+            self._tried[device] = known
             proposal = self._propose(device, rows, now, until)
             if proposal is not None:
                 proposals.append(proposal)

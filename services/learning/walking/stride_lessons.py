@@ -70,8 +70,8 @@ class StrideLessons:
         self._stretches = 0
         self._rows: dict[str, Array] = {}
         self._lines: dict[str, StrideModel] = {}
-        self._tried: dict[str, float] = {}
-        """By device, the time of the newest run when it was last looked at."""
+        self._tried: dict[str, tuple[float, int]] = {}
+        """By device, the time of its newest run when it was last looked at, and how many runs might teach."""
 
     def learn(self, stretch: Stretch) -> None:
         """Take in how far the track went in each run of steps."""
@@ -97,10 +97,10 @@ class StrideLessons:
         """Return the lines that predict stretches they were not taught by better than what is in use."""
         proposals = []
         for device, rows in self._rows.items():
-            newest = float(rows[-1, T])
-            if self._tried.get(device) == newest:
+            known = (float(rows[-1, T]), int((rows[:, T] <= until).sum()))
+            if self._tried.get(device) == known:
                 continue
-            self._tried[device] = newest
+            self._tried[device] = known
             proposal = self._propose(device, rows, now, until)
             if proposal is not None:
                 proposals.append(proposal)

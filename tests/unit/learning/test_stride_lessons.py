@@ -75,6 +75,7 @@ def test_steady_walks_have_no_r_squared_and_are_learned_all_the_same() -> None:
 
 def test_a_line_in_use_is_not_proposed_again_and_nothing_new_is_not_looked_at_twice() -> None:
     lessons = taught(0.55, 0.7)
+    assert lessons.propose(1000.0, 50.0) == []
     [proposal] = lessons.propose(2000.0, 1000.0)
     assert lessons.propose(2001.0, 1000.0) == []
     lessons.activated(msgspec.structs.replace(proposal.model, version=1))
