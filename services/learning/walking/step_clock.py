@@ -125,10 +125,10 @@ class StepClock:
         error = math.sqrt(scatter + EARLY_SIGMA**2)
         words = ""
         if abs(offset) > WRONG and abs(offset) > 2.0 * error:
-            later = "later" if offset > 0.0 else "earlier"
+            later, change = ("later", "raise") if offset > 0.0 else ("earlier", "lower")
             words = (
-                f"pictures of camera {camera} are stamped {abs(offset):.1f} s {later} than phones' steps say: set its "
-                "latency in the site file, or its clock"
+                f"pictures of camera {camera} are stamped {abs(offset):.1f} s {later} than phones' steps say: is its "
+                f"clock right? If so, {change} its latency in the site file by that much"
             )
         return ClockReading(offset, error, words)
 
