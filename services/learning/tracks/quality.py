@@ -9,7 +9,7 @@ carrier. The phone's part has a threshold chosen from the data, and ``swaps`` lo
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter, OrderedDict, deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,7 +20,7 @@ from services.learning.tracks.radio_evidence import RadioBelief
 from services.learning.tracks.radio_habits import RadioHabits
 from services.learning.tracks.sight import SightScore
 from services.learning.tracks.stretch import Stretch
-from services.learning.tracks.swaps import doubt
+from services.learning.tracks.swaps import CONTRADICTIONS, doubt
 from services.learning.tracks.threshold import Threshold
 from services.learning.tracks.verdict import Verdict
 from shared.learning_report import TrackLessons
@@ -34,6 +34,12 @@ PART = 15.0
 """Seconds of a part of a stretch that is judged by itself."""
 FIRST = 0.3
 """Nats per second of the phone's part that are enough until the data tell."""
+LIAR = 3
+"""Stretches of a phone's last ``REMEMBERED`` that contradict its radio and are as many as those that do not: none of
+what it tells is believed until that is past."""
+REMEMBERED = 10
+PHONES = 500
+"""Phones of which that is remembered."""
 LEAST_SEEN = 0.5
 """Share of the time cameras must have seen the track."""
 RECENT = 200
@@ -51,6 +57,7 @@ class QualityJudge:
     def __init__(self, points: int, seed: int = 0) -> None:
         self._habits = RadioHabits(points)
         self._threshold = Threshold(FIRST)
+        self._contradicted: OrderedDict[str, deque[bool]] = OrderedDict()
         self._rng = np.random.default_rng(seed)
         self._recent: deque[tuple[str, float]] = deque(maxlen=RECENT)
         self._misfit: deque[float] = deque(maxlen=RECENT)
@@ -97,12 +104,14 @@ class QualityJudge:
     def forget(self, device: str) -> None:
         """Forget a phone whose owner withdrew consent."""
         self._habits.forget(device)
+        self._contradicted.pop(device, None)
 
     def state(self) -> dict[str, Any]:
         """Return all it knows, as what ``msgspec.json`` encodes."""
         return {
             "habits": self._habits.state(),
             "threshold": self._threshold.state(),
+            "contradicted": [[device, list(told)] for device, told in self._contradicted.items()],
             "recent": [list(row) for row in self._recent],
             "misfit": list(self._misfit),
         }
@@ -116,9 +125,14 @@ class QualityJudge:
         habits, threshold = RadioHabits(len(radio.names)), Threshold(FIRST)
         habits.restore(state["habits"])
         threshold.restore(state["threshold"])
+        contradicted = OrderedDict(
+            (str(device), deque([bool(one) for one in told], maxlen=REMEMBERED))
+            for device, told in state["contradicted"]
+        )
         recent = [(str(reason), float(rate)) for reason, rate in state["recent"]]
         misfit = [float(one) for one in state["misfit"]]
         self._habits, self._threshold, self._model = habits, threshold, (radio, shadowing)
+        self._contradicted = contradicted
         self._recent, self._misfit = deque(recent, maxlen=RECENT), deque(misfit, maxlen=RECENT)
 
     def _reason(self, stretch: Stretch, whole: Comparison, belief: RadioBelief) -> str:
@@ -135,14 +149,24 @@ class QualityJudge:
             ]
         usual = float(np.median(self._misfit)) if self._misfit else 1.0
         reason = doubt(whole, parts, usual)
+        if self._lies(stretch.device, reason in CONTRADICTIONS):
+            return "this phone's radio was wrong too often lately"
         if reason:
             return reason
-        least = self._threshold.value
-        if not np.isfinite(least):
+        if not np.isfinite(self._threshold.value):
             return "no phone here fits its own track better than it fits others"
-        if whole.total[0] / whole.seconds < least:
+        if whole.total[0] / whole.seconds < self._threshold.value:
             return "radio and steps fit too little of the way"
         return ""
+
+    def _lies(self, device: str, contradicted: bool) -> bool:
+        """Note whether a stretch contradicted a phone's radio; return whether too many of its last ones did."""
+        told = self._contradicted.pop(device, None) or deque(maxlen=REMEMBERED)
+        told.append(contradicted)
+        self._contradicted[device] = told
+        while len(self._contradicted) > PHONES:
+            self._contradicted.popitem(last=False)
+        return sum(told) >= LIAR and 2 * sum(told) >= len(told)
 
     def _active(self) -> tuple[PathLoss, ShadowingMap | None]:
         if self._model is None:

@@ -11,12 +11,22 @@ from collections.abc import Sequence
 
 from services.learning.tracks.compare import Comparison
 
-__all__ = ["doubt"]
+__all__ = ["CONTRADICTIONS", "doubt"]
+
+STEADY = "the phone's readings are steadier than any radio's"
+JUMPY = "the phone's readings jump more than any radio's"
+MISPLACED = "the phone's radio does not fit this place"
+RADIO_OF_ANOTHER = "the phone's radio fits another person better"
+STEPS_OF_ANOTHER = "the phone's steps fit another person better"
+CONTRADICTIONS = frozenset({STEADY, JUMPY, MISPLACED, RADIO_OF_ANOTHER})
+"""What speaks against a phone's radio itself, if it is said too often."""
 
 BETTER = 2.0
 """Nats by which another person must fit better over the whole stretch to be the likelier carrier …"""
 BETTER_PART = 4.0
 """… and over a part of it, of which there are several."""
+BETTER_RADIO = 5.0
+"""The same of radio alone: steps that fit do not make up for it, or a phone could tell what it likes."""
 SURE = 0.8
 """Probability that the stretch alone must give to its own track."""
 WORSE_PART = -12.0
@@ -39,14 +49,14 @@ def doubt(whole: Comparison, parts: Sequence[Comparison], usual_misfit: float = 
     if whole.fit is None:
         return "the phone told no radio"
     if whole.fit.quick < QUICK[0]:
-        return "the phone's readings are steadier than any radio's"
+        return STEADY
     if whole.fit.quick > QUICK[1]:
-        return "the phone's readings jump more than any radio's"
-    if whole.fit.chi2[0] > MISFIT * max(usual_misfit, 1.0) * whole.fit.readings:
-        return "the phone's radio does not fit this place"
+        return JUMPY
     reason = _rival(whole, BETTER)
     if reason:
         return reason
+    if whole.radio[0] < 0.0 or whole.fit.chi2[0] > MISFIT * max(usual_misfit, 1.0) * whole.fit.readings:
+        return MISPLACED
     for part in parts:
         if _rival(part, BETTER_PART) or part.total[0] < WORSE_PART:
             return "the phone fits only part of the way"
@@ -60,11 +70,10 @@ def _rival(comparison: Comparison, margin: float) -> str:
     if not len(others):
         return ""
     # Among many people one fits better by luck: the best of n is held against n times the odds.
-    margin += math.log(len(others)) if len(others) > 4 else 0.0
-    lead = comparison.total[others] - comparison.total[0]
-    best = others[int(lead.argmax())]
-    if lead.max() <= margin:
-        return ""
-    by_radio = comparison.radio[best] - comparison.radio[0]
-    by_walk = comparison.walk[best] - comparison.walk[0]
-    return f"the phone's {'radio fits' if by_radio >= by_walk else 'steps fit'} another person better"
+    luck = math.log(len(others)) if len(others) > 4 else 0.0
+    radio = comparison.radio[others] - comparison.radio[0]
+    walk = comparison.walk[others] - comparison.walk[0]
+    best = int((radio + walk).argmax())
+    if radio.max() > BETTER_RADIO + luck or (radio[best] + walk[best] > margin + luck and radio[best] >= walk[best]):
+        return RADIO_OF_ANOTHER
+    return STEPS_OF_ANOTHER if radio[best] + walk[best] > margin + luck else ""
