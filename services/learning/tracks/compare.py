@@ -30,7 +30,8 @@ class Comparison:
         seconds: how long.
         radio: (k,) by which its readings speak for each path, against no places.
         walk: (k,) by which its steps do, against what people's paths are like.
-        away: (k,) metres (root mean square) from its own track.
+        away: (k,) metres (root mean square) from its own track, and ``away_first`` when it began.
+        away_first: see above.
         fit: of the readings; None where there are none.
         stepped: share of the seconds of which the phone said how it walked.
     """
@@ -39,6 +40,7 @@ class Comparison:
     radio: Array
     walk: Array
     away: Array
+    away_first: Array
     fit: Fit | None
     stepped: float
 
@@ -93,6 +95,7 @@ def compare(
         radio=np.zeros(len(paths)) if fit is None else fit.gain,
         walk=walk_fit(walked, paths),
         away=np.sqrt(((paths - paths[0]) ** 2).sum(axis=2).mean(axis=1)),
+        away_first=np.hypot(*(paths[:, 0] - paths[0, 0]).T),
         fit=fit,
         stepped=float(walked.known.mean()),
     )

@@ -90,6 +90,10 @@ class QualityJudge:
         self._recent.append((reason, rate))
         return Verdict(printed, rate, not reason, reason)
 
+    def belief(self, device: str) -> RadioBelief:
+        """Return what good stretches tell so far of access points and of a phone, beyond the active model."""
+        return self._habits.belief(device)
+
     def lessons(self) -> TrackLessons:
         """Return how many of the last stretches were good, and why the others were not."""
         good = [rate for reason, rate in self._recent if not reason]

@@ -1,0 +1,254 @@
+"""Self-reported accuracy: what live names and places are worth, judged by what had not been seen when they were told.
+
+A named position is off by two things. Its track's place errs as fusion says it does. And the name may be wrong, and
+then the phone is where somebody else is: how likely that is tells what the phone says in the *next* seconds, held
+against the track it was named on and all others (``claims``), over all recent names (``name_shares``). Bounded: the
+last half minute of the bus, and some hundreds of claims.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, insort
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.learning.accuracy.claims import Claim, claim_of
+from services.learning.accuracy.name_shares import right_probabilities
+from services.learning.tracks.radio_evidence import RadioBelief
+from services.learning.tracks.stretch import Stretch
+from shared.learning_report import AccuracyReport
+from shared.messages import MotionBatch, RadioScan, TrackFrame
+from shared.radio import PathLoss, ShadowingMap
+
+__all__ = ["SelfReport"]
+
+Array = NDArray[np.float64]
+
+HORIZON = 20.0
+"""Seconds after a name was told whose evidence judges it."""
+LATE = 8.0
+"""Seconds waited for what phones tell late."""
+CLAIMS = 600
+"""Claims remembered."""
+AGAIN = 5.0
+"""Seconds between two claims of a phone, at least."""
+PER_SECOND = 1.0
+"""Claims judged per second, at most; where there are more names, fewer of them are."""
+OLDEST = 3600.0
+"""Seconds after which a claim no longer counts."""
+HEARD = 5.0
+"""Seconds since a phone last told anything for which it counts as heard."""
+FEWEST = 10
+"""Claims from which on anything is reported."""
+MEMORY = 900.0
+"""Seconds after which what was counted of named time weighs 1/e."""
+RAYLEIGH = np.sqrt(-np.log(1.0 - (np.arange(5) + 0.5) / 5.0))
+"""Five equally likely lengths of an error, in units of its root mean square."""
+EVERY = 1.0
+"""Seconds between two kept pictures of everybody."""
+SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class _Everybody:
+    """At one time: tracks by id in ascending order, and the names."""
+
+    t: float
+    track: NDArray[np.int64]
+    place: Array
+    covariance: Array
+    named: dict[str, tuple[int, float]]
+
+
+@dataclass
+class _Phone:
+    readings: list[tuple[float, int, float]] = field(default_factory=list)
+    steps: list[tuple[float, float, float, float, float, int]] = field(default_factory=list)
+    still: list[tuple[float, float]] = field(default_factory=list)
+    heard: float = -math.inf
+    claimed: float = -math.inf
+
+    def forget_before(self, t: float) -> None:
+        for rows in (self.readings, self.steps, self.still):
+            del rows[: bisect_left(rows, (t,))]
+
+
+class SelfReport:
+    """Judges one area's names; feed it messages in the order in which they come.
+
+    Args:
+        points: ids of the area's access points.
+        elsewhere: (e, 2) places of the floor where no camera looks.
+    """
+
+    def __init__(self, points: tuple[str, ...], elsewhere: Array) -> None:
+        self._column = {name: number for number, name in enumerate(points)}
+        self._elsewhere = elsewhere
+        self._pictures: deque[_Everybody] = deque()
+        self._phones: dict[str, _Phone] = {}
+        self._claims: deque[Claim] = deque(maxlen=CLAIMS)
+        self._heard, self._named, self._seconds = 0.0, 0.0, 0.0
+
+    def take_frame(self, frame: TrackFrame) -> None:
+        """Take in who is where, as told live."""
+        last = self._pictures[-1].t if self._pictures else -math.inf
+        if frame.t < last - LATE:
+            self._pictures.clear()  # a clock set back
+            self._phones.clear()
+        elif frame.t < last + EVERY - SAME:
+            return
+        rows = [row for row, state in enumerate(frame.state) if state != "unseen"]
+        rows.sort(key=lambda row: frame.track[row])
+        named: dict[str, tuple[int, float]] = {}
+        for row in rows:
+            device = frame.device[row]
+            if device is not None:
+                named[device] = (frame.track[row], frame.probability[row])
+        picture = _Everybody(
+            frame.t,
+            np.array([frame.track[row] for row in rows], np.int64),
+            np.array([(frame.x[row], frame.y[row]) for row in rows], float).reshape(-1, 2),
+            np.array([frame.covariance[row] for row in rows], float).reshape(-1, 3),
+            named,
+        )
+        self._pictures.append(picture)
+        heard = sum(phone.heard >= frame.t - HEARD for phone in self._phones.values())
+        kept = math.exp(-EVERY / MEMORY)
+        self._heard, self._named = kept * self._heard + max(heard, len(named)), kept * self._named + len(named)
+        self._seconds += len(named) * EVERY
+
+    def take_scan(self, scan: RadioScan) -> None:
+        """Take in what a phone heard."""
+        phone = self._phones.setdefault(scan.device, _Phone())
+        phone.heard = max(phone.heard, scan.t)
+        for name, level in zip(scan.access_point, scan.rssi, strict=True):
+            if name in self._column and -120.0 <= level <= 0.0:
+                insort(phone.readings, (scan.t, self._column[name], level))
+
+    def take_motion(self, batch: MotionBatch) -> None:
+        """Take in how a phone walked; a batch may replace what was told before."""
+        phone = self._phones.setdefault(batch.device, _Phone())
+        if batch.revises_from is not None:
+            for rows in (phone.steps, phone.still):
+                del rows[bisect_left(rows, (batch.revises_from - SAME,)) :]
+        if batch.activity == "still" and not batch.step_t:
+            insort(phone.still, (batch.t_start, batch.t))
+        columns = (batch.step_t, batch.length, batch.length_variance, batch.heading, batch.heading_variance)
+        for row in zip(*columns, strict=True):
+            insort(phone.steps, (*row, batch.walk))
+
+    def forget(self, device: str) -> None:
+        """Forget a phone whose owner withdrew consent."""
+        self._phones.pop(device, None)
+        for picture in self._pictures:
+            picture.named.pop(device, None)
+
+    def judge(self, radio: PathLoss, shadowing: ShadowingMap | None, belief: Callable[[str], RadioBelief]) -> int:
+        """Judge the names that have become old enough; return how many. To be called about once a second.
+
+        Args:
+            radio: the active model of the area's access points.
+            shadowing: its map.
+            belief: what earlier stretches tell of access points and of a phone (``QualityJudge.belief``).
+        """
+        judged = 0
+        while self._pictures and self._pictures[-1].t - self._pictures[0].t >= HORIZON + LATE:
+            told = self._pictures[0]
+            apart = max(AGAIN, len(told.named) / PER_SECOND)
+            for device, (track, probability) in sorted(told.named.items()):
+                phone = self._phones.get(device)
+                if phone is not None and told.t >= phone.claimed + apart - SAME:
+                    after = self._after(device, phone, track, probability)
+                    phone.claimed = told.t
+                    if after is not None:
+                        self._claims.append(claim_of(after, radio, shadowing, belief(device), self._elsewhere))
+                        judged += 1
+            self._pictures.popleft()
+            for device in list(self._phones):
+                self._phones[device].forget_before(told.t - SAME)
+                if self._phones[device].heard < told.t - HORIZON:
+                    del self._phones[device]
+        return judged
+
+    def report(self) -> AccuracyReport:
+        """Return how far off named positions are believed to be."""
+        named = self._named / self._heard if self._heard else None
+        newest = self._claims[-1].t if self._claims else 0.0
+        claims = [claim for claim in self._claims if claim.t >= newest - OLDEST]
+        if len(claims) < FEWEST:
+            return AccuracyReport(named=named, seconds=self._seconds)
+        right = right_probabilities(
+            np.array([claim.told for claim in claims]), np.array([claim.ratio for claim in claims])
+        )
+        errors, weights = [], []
+        for claim, probability in zip(claims, right.tolist(), strict=True):
+            errors.append(RAYLEIGH * math.sqrt(claim.variance))
+            weights.append(np.full(len(RAYLEIGH), probability / len(RAYLEIGH)))
+            errors.append(claim.away)
+            weights.append((1.0 - probability) * claim.weight)
+        error, weight = np.concatenate(errors), np.concatenate(weights)
+        order = np.argsort(error)
+        error, weight = error[order], weight[order] / weight.sum()
+        p50, p90 = np.interp((0.5, 0.9), np.cumsum(weight) - 0.5 * weight, error)
+        return AccuracyReport(
+            rms=math.sqrt(float(weight @ error**2)),
+            p50=float(p50),
+            p90=float(p90),
+            named=named,
+            right=float(right.mean()),
+            seconds=self._seconds,
+        )
+
+    def _after(self, device: str, phone: _Phone, track: int, probability: float) -> Stretch | None:
+        """Return what a track did in the ``HORIZON`` after the oldest picture; None where it ended at once."""
+        begin = self._pictures[0].t
+        pictures = [picture for picture in self._pictures if picture.t <= begin + HORIZON]
+        own = [(picture, int(np.searchsorted(picture.track, track))) for picture in pictures]
+        own = [(picture, row) for picture, row in own if row < len(picture.track) and picture.track[row] == track]
+        if len(own) < 2:
+            return None
+        t = np.array([picture.t for picture, _ in own])
+        place = np.array([picture.place[row] for picture, row in own])
+        covariance = np.array([picture.covariance[row] for picture, row in own])[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+        ids = np.unique(np.concatenate([picture.track for picture in pictures]))
+        ids = ids[ids != track]
+        during = [picture for picture in pictures if picture.t <= t[-1] + SAME]
+        places = np.full((len(ids), len(during), 2), np.nan)
+        for number, picture in enumerate(during):
+            other = picture.track != track
+            places[np.searchsorted(ids, picture.track[other]), number] = picture.place[other]
+        readings, steps, still = (
+            np.array(rows[bisect_left(rows, (begin - SAME,)) : bisect_left(rows, (t[-1] + SAME,))], float)
+            for rows in (phone.readings, phone.steps, phone.still)
+        )
+        readings, steps = readings.reshape(-1, 3), steps.reshape(-1, 6)
+        return Stretch(
+            device=device,
+            track=track,
+            t=t,
+            place=place,
+            covariance=covariance,
+            probability=np.full(len(t), probability),
+            seen=np.ones(len(t), np.bool_),
+            sight=np.zeros(len(t)),
+            scan_t=readings[:, 0],
+            point=readings[:, 1].astype(np.int64),
+            level=readings[:, 2],
+            scan_place=np.column_stack([np.interp(readings[:, 0], t, place[:, axis]) for axis in (0, 1)]),
+            scan_spread=np.zeros(len(readings)),
+            step_t=steps[:, 0],
+            length=steps[:, 1],
+            length_variance=steps[:, 2],
+            heading=steps[:, 3],
+            heading_variance=steps[:, 4],
+            walk=steps[:, 5].astype(np.int64),
+            still=still.reshape(-1, 2),
+            other=ids,
+            other_t=np.array([picture.t for picture in during]),
+            other_place=places,
+        )
