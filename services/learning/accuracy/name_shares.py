@@ -18,6 +18,8 @@ BANDS = (0.6, 0.75, 0.9)
 """Borders of the told p's bands."""
 PRIOR = 6.0
 """Names that the told p counts for in a band."""
+MISLED = 0.05
+"""Share of the names for which what comes afterwards misleads: tracks pass from one person to another, bodies turn."""
 ROUNDS = 60
 
 
@@ -30,6 +32,7 @@ def right_probabilities(told: Array, ratio: Array) -> Array:
     """
     band = np.searchsorted(BANDS, told)
     odds = np.exp(np.clip(ratio, -50.0, 50.0))
+    odds = ((1.0 - MISLED) * odds + MISLED) / (MISLED * odds + 1.0 - MISLED)
     probability = np.zeros(len(told))
     for number in np.unique(band):
         mine = band == number

@@ -15,6 +15,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,8 @@ Integers = NDArray[np.int64]
 
 CYCLE = 1.0
 """Seconds that count as one look."""
+LOOK = 0.1
+"""Seconds between two frames that are scored, at least: more of them say nothing new."""
 MEMORY = 600.0
 """Seconds after which what was counted of a camera weighs 1/e."""
 WAITING = 32
@@ -123,8 +126,10 @@ class SightScore:
             camera.waiting.append(frame)
 
     def score(self, frame: TrackFrame) -> dict[int, float]:
-        """Return the nats by which cameras spoke for each track since the frame before, by track id."""
-        columns = np.array([frame.x, frame.y, frame.vx, frame.vy, *_transposed(frame)], float)
+        """Return the nats by which cameras spoke for each track since the frame scored before, by track id."""
+        if self._before is not None and 0.0 < frame.t - self._before.t < LOOK - SAME:
+            return {}
+        columns = np.concatenate([np.array([frame.x, frame.y, frame.vx, frame.vy], float), _rows(frame).T])
         track = np.array(frame.track, np.int64)
         followed = np.array([state != "unseen" for state in frame.state], np.bool_)
         order = np.flatnonzero(followed)
@@ -240,17 +245,15 @@ class SightScore:
         return used
 
 
-def _transposed(frame: TrackFrame) -> Array:
-    """Return the covariances (3, n) of a frame: xx, xy, yy in rows."""
-    return np.array(frame.covariance, float).reshape(-1, 3).T
+def _rows(frame: TrackFrame | DetectionFrame) -> Array:
+    """Return the covariances (n, 3) of a frame: xx, xy, yy in columns."""
+    return np.fromiter(chain.from_iterable(frame.covariance), np.float64, 3 * len(frame.covariance)).reshape(-1, 3)
 
 
 def _gathered(looked: list[tuple[str, DetectionFrame, float]]) -> Array:
     """Return (n, 7) detections of all cameras: x, y, xx, xy, yy, number of the camera, time."""
     parts = [
-        np.column_stack(
-            [frame.x, frame.y, np.array(frame.covariance, float), np.full((len(frame.x), 2), (index, frame.t))]
-        )
+        np.column_stack([frame.x, frame.y, _rows(frame), np.full((len(frame.x), 2), (index, frame.t))])
         for index, (_, frame, _) in enumerate(looked)
         if frame.x
     ]

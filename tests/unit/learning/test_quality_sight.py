@@ -50,8 +50,8 @@ def _walk(score: SightScore, rate: int, seconds: float, noise: float = 0.2, lost
             heard = np.concatenate([heard, rng.uniform((0.0, 6.0), (9.0, 9.0), (1, 2))])
         score.take_detections(_detections(t, heard))
         gains = score.score(_tracks(t, places, [seen, False]))
-        total += gains[1]
-        assert gains[2] == 0.0  # outside every view: nobody looked
+        total += gains.get(1, 0.0)
+        assert gains.get(2, 0.0) == 0.0  # outside every view: nobody looked
     return total / seconds
 
 
