@@ -25,6 +25,7 @@ from services.learning.tracks.stretch import Stretch
 from shared.learning_report import AccuracyReport
 from shared.messages import MotionBatch, RadioScan, TrackFrame
 from shared.radio import PathLoss, ShadowingMap
+from shared.site import Site, camera_views
 
 __all__ = ["SelfReport"]
 
@@ -93,6 +94,21 @@ class SelfReport:
         self._phones: dict[str, _Phone] = {}
         self._claims: deque[Claim] = deque(maxlen=CLAIMS)
         self._heard, self._named, self._seconds = 0.0, 0.0, 0.0
+
+    @classmethod
+    def of(cls, site: Site, area: str) -> SelfReport:
+        """Return the report of one area of a site.
+
+        Raises:
+            KeyError: the site has no such area.
+        """
+        floor = site.area(area).floor
+        plan = site.floor(floor).plan()
+        views = camera_views(site, area, plan)
+        axes = [np.arange(low, high, 1.0) for low, high in zip(views.lower, views.upper, strict=True)]
+        places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+        hidden = plan.contains(places) & (views.everywhere.depth_at(places) <= 0.0)
+        return cls(tuple(point.id for point in site.access_points if point.floor == floor), places[hidden])
 
     def take_frame(self, frame: TrackFrame) -> None:
         """Take in who is where, as told live."""

@@ -9,6 +9,7 @@ carrier. The phone's part has a threshold chosen from the data, and ``swaps`` lo
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter, OrderedDict, deque
 from collections.abc import Mapping
 from typing import Any
@@ -55,6 +56,7 @@ class QualityJudge:
     """
 
     def __init__(self, points: int, seed: int = 0) -> None:
+        self._points = points
         self._habits = RadioHabits(points)
         self._threshold = Threshold(FIRST)
         self._contradicted: OrderedDict[str, deque[bool]] = OrderedDict()
@@ -62,6 +64,7 @@ class QualityJudge:
         self._recent: deque[tuple[str, float]] = deque(maxlen=RECENT)
         self._misfit: deque[float] = deque(maxlen=RECENT)
         self._model: tuple[PathLoss, ShadowingMap | None] | None = None
+        self._mark = ""
 
     def judge(self, stretch: Stretch, radio: PathLoss, shadowing: ShadowingMap | None = None) -> Verdict:
         """Return what is thought of a stretch.
@@ -71,9 +74,11 @@ class QualityJudge:
             radio: the active model of its access points, in the order of ``stretch.point``.
             shadowing: the active model's map, if it has one.
         """
-        if self._model is None or not _same(self._model, radio, shadowing):
-            self._habits.begin_anew(mapped=shadowing is not None)
-        self._model = (radio, shadowing)
+        if self._model is None or self._model[0] is not radio or self._model[1] is not shadowing:
+            mark = _mark(radio, shadowing)
+            if mark != self._mark:
+                self._habits.begin_anew(mapped=shadowing is not None)
+            self._model, self._mark = (radio, shadowing), mark
         belief = self._habits.belief(stretch.device)
         whole = compare(stretch, radio, shadowing, belief)
         printed = float(stretch.sight.sum() + whole.total[0])
@@ -97,11 +102,10 @@ class QualityJudge:
     def lessons(self) -> TrackLessons:
         """Return how many of the last stretches were good, and why the others were not."""
         good = [rate for reason, rate in self._recent if not reason]
-        threshold = self._threshold.value
         return TrackLessons(
             good=len(good),
             refused=dict(Counter(reason for reason, _ in self._recent if reason)),
-            threshold=threshold if np.isfinite(threshold) else None,
+            threshold=self.threshold,
             quality=float(np.median(good)) if good else None,
         )
 
@@ -113,6 +117,7 @@ class QualityJudge:
     def state(self) -> dict[str, Any]:
         """Return all it knows, as what ``msgspec.json`` encodes."""
         return {
+            "model": self._mark,
             "habits": self._habits.state(),
             "threshold": self._threshold.state(),
             "contradicted": [[device, list(told)] for device, told in self._contradicted.items()],
@@ -120,13 +125,26 @@ class QualityJudge:
             "misfit": list(self._misfit),
         }
 
-    def restore(self, state: Mapping[str, Any], radio: PathLoss, shadowing: ShadowingMap | None = None) -> None:
-        """Go on from ``state()``, under the model that was active then.
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from ``state()``.
 
         Raises:
-            KeyError, TypeError, ValueError: it is no such state; the judge is then unchanged.
+            ValueError: it is no such state, or of other access points; the judge is then unchanged.
         """
-        habits, threshold = RadioHabits(len(radio.names)), Threshold(FIRST)
+        try:
+            self._restore(state)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"not a state of a judge of stretches: {error}") from error
+
+    @property
+    def threshold(self) -> float | None:
+        """Nats per second of the phone's part that are enough; None where nothing is."""
+        value = self._threshold.value
+        return value if np.isfinite(value) else None
+
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        habits, threshold = RadioHabits(self._points), Threshold(FIRST)
+        mark = str(state["model"])
         habits.restore(state["habits"])
         threshold.restore(state["threshold"])
         contradicted = OrderedDict(
@@ -135,8 +153,8 @@ class QualityJudge:
         )
         recent = [(str(reason), float(rate)) for reason, rate in state["recent"]]
         misfit = [float(one) for one in state["misfit"]]
-        self._habits, self._threshold, self._model = habits, threshold, (radio, shadowing)
-        self._contradicted = contradicted
+        self._habits, self._threshold, self._contradicted = habits, threshold, contradicted
+        self._model, self._mark = None, mark
         self._recent, self._misfit = deque(recent, maxlen=RECENT), deque(misfit, maxlen=RECENT)
 
     def _reason(self, stretch: Stretch, whole: Comparison, belief: RadioBelief) -> str:
@@ -178,11 +196,7 @@ class QualityJudge:
         return self._model
 
 
-def _same(model: tuple[PathLoss, ShadowingMap | None], radio: PathLoss, shadowing: ShadowingMap | None) -> bool:
-    known, mapped = model
-    if mapped is not shadowing and (
-        mapped is None or shadowing is None or not np.array_equal(mapped.mean, shadowing.mean)
-    ):
-        return False
-    columns = ((known.positions, radio.positions), (known.power_1m, radio.power_1m), (known.exponent, radio.exponent))
-    return known is radio or all(np.array_equal(*pair) for pair in columns)
+def _mark(radio: PathLoss, shadowing: ShadowingMap | None) -> str:
+    """Return what tells this model from others, also after a restart."""
+    parts = [radio.positions, radio.power_1m, radio.exponent, *([] if shadowing is None else [shadowing.mean])]
+    return hashlib.blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in parts), digest_size=8).hexdigest()

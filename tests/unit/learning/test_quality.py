@@ -28,7 +28,7 @@ def _lessons() -> dict[str, Any]:
 def _taught() -> tuple[QualityJudge, Crowd]:
     """A judge that has seen some minutes of a hall, and the people of the next minute."""
     first, judge = Crowd(0), QualityJudge(POINTS)
-    judge.restore(_lessons(), first.radio)
+    judge.restore(_lessons())
     crowd = Crowd(100)
     crowd.bias, crowd.radio = first.bias, first.radio
     return judge, crowd
@@ -131,10 +131,11 @@ def test_a_judge_goes_on_from_its_state_and_refuses_a_state_of_another_hall() ->
     judge, crowd = _taught()
     state = judge.state()
     again = QualityJudge(POINTS)
-    again.restore(state, crowd.radio)
+    again.restore(state)
     stretch = crowd.stretch(0)
     assert again.judge(stretch, crowd.radio) == judge.judge(stretch, crowd.radio)
     with pytest.raises(ValueError, match="access points"):
-        QualityJudge(POINTS - 1).restore(
-            {**state, "habits": {**state["habits"], "bias": state["habits"]["bias"][:-1]}}, crowd.radio
-        )
+        QualityJudge(POINTS - 1).restore(state)
+    with pytest.raises(ValueError, match="not a state"):
+        again.restore({"model": ""})
+    assert again.state() == judge.state()

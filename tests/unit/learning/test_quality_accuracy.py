@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from fusion_world import make_site
 from numpy.typing import NDArray
 from unit.learning.walking_crowd import POINTS, Crowd
 
@@ -11,6 +14,7 @@ from services.learning.accuracy.name_shares import right_probabilities
 from services.learning.accuracy.self_report import SelfReport
 from services.learning.tracks.quality import QualityJudge
 from shared.messages import MotionBatch, RadioScan, TrackFrame
+from shared.site import camera_views
 
 T0 = 1000.0
 
@@ -115,3 +119,12 @@ def test_nothing_is_reported_before_enough_names_were_judged_and_withdrawn_phone
     assert not any("phone-0" in picture.named for picture in report._pictures)
     report.take_frame(_frame(T0, crowd.paths[:, 0], [None] * 8))  # a clock set back
     assert len(report._pictures) == 1
+
+
+def test_a_site_tells_where_no_camera_looks(tmp_path: Path) -> None:
+    site = make_site(tmp_path)
+    report = SelfReport.of(site, "hall")
+    views, plan = camera_views(site, "hall"), site.floor(site.area("hall").floor).plan()
+    assert len(report._elsewhere)
+    assert plan.contains(report._elsewhere).all()
+    assert (views.everywhere.depth_at(report._elsewhere) <= 0.0).all()
