@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from services.cli.recording import INPUT_KINDS, Consumed, Recording
+from services.cli.recording import INPUT_KINDS, STATE_KINDS, Consumed, Recording
 from services.fusion.registry import DEFAULT_TRACKER
 from services.fusion.replay import replay_steps
 from shared.bus import Bus, Publisher
@@ -70,9 +70,9 @@ def play(recording: Recording, bus: Bus, pace: float, stopping: threading.Event)
         if not isinstance(recorded.message, INPUT_KINDS):
             continue
         now = time.monotonic()
-        if started is None:
-            started = (now, recorded.sent)
-        due = started[0] + (recorded.sent - started[1]) / pace
+        if started is None and not isinstance(recorded.message, STATE_KINDS):
+            started = (now, recorded.sent)  # what was told long before the recording began sets no pace
+        due = now if started is None else started[0] + (recorded.sent - started[1]) / pace
         if stopping.wait(max(0.0, due - now)):
             break
         if recorded.key not in publishers:

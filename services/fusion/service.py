@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections import Counter as Count
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import ClassVar
 
 import msgspec
 import structlog
 from prometheus_client import Counter, Gauge, Histogram
 
-from services.fusion.active_radio import ActiveRadio
 from services.fusion.area_view import AreaView
 from services.fusion.chunks import Chunker, ChunkerSettings, Closed, period_of
 from services.fusion.positions.anonymous import MOST_CAMERAS
 from services.fusion.radio_file import RadioFile
-from services.fusion.registry import TRACKERS, make_tracker
-from services.fusion.replay import StateAnswer, radio_of_state
+from services.fusion.registry import TRACKERS
 from services.fusion.rescore.desk import RescoreDesk
 from services.fusion.rescore.recent import RecentChunks
+from services.fusion.running_tracker import RunningTracker
 from services.fusion.settings import FusionSettings
 from services.fusion.state_file import StateFile
 from services.fusion.tracker import Complaining, Retuning, TrackerStateError
@@ -86,13 +82,13 @@ class FusionService(Service[FusionSettings]):
     def __init__(self, settings: FusionSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
         self.area = _area_of(settings, site)
-        self._radio = ActiveRadio(_view_of(settings, site, self.area))
-        self.tracker = make_tracker(settings.tracker, self.view, settings.tracker_seed)
+        view = _view_of(settings, site, self.area)
+        self.running = RunningTracker(view, settings.tracker, settings.tracker_seed)
         self._recent = RecentChunks(60.0 * settings.rescore_minutes, settings.rescore_megabytes * 2**20)
-        self._desk = RescoreDesk(
-            self.view, settings.tracker, settings.tracker_seed, self._recent, settings.rescore_patience
+        self._desk = RescoreDesk(view, settings.tracker, settings.tracker_seed, self._recent, settings.rescore_patience)
+        self.chunker = Chunker(
+            ChunkerSettings(lateness=settings.camera_lateness, period=period_of(self.running.tracker.cycle))
         )
-        self.chunker = Chunker(ChunkerSettings(lateness=settings.camera_lateness, period=period_of(self.tracker.cycle)))
         self._cameras = {camera.id for camera in site.cameras_of(self.area)}
         self._watch = Watch(
             health, self._cameras, settings.silent_after, settings.phones_silent_after, time.monotonic()
@@ -104,15 +100,13 @@ class FusionService(Service[FusionSettings]):
         """… and as far as it is exported."""
         self._known: Count[str] = Count()
         """What chunker and tracker counted so far, as far as it stands in ``_counted``."""
-        self._chunk, self._people = -1, 0
+        self._people = 0
         self._erased = Erased()
         self._frame_at = time.monotonic() - self.QUIET
-        self._boundary = threading.Lock()
-        """Held while a chunk is consumed, so that a state is always one of a chunk boundary."""
         folder = settings.state_folder
         file = None if folder is None else folder / f"fusion-{self.area}.json"
         self._radio_file = RadioFile(file)
-        self._state_file = StateFile(file, settings.state_every, self._state_to_save, health)
+        self._state_file = StateFile(file, settings.state_every, lambda: self.running.to_save(self._radio_file), health)
         self._inbox = bus.inbox()
 
     @classmethod
@@ -141,7 +135,7 @@ class FusionService(Service[FusionSettings]):
     @property
     def view(self) -> AreaView:
         """The area under the active radio model."""
-        return self._radio.view
+        return self.running.radio.view
 
     def run(self) -> None:
         """Consume messages until told to stop."""
@@ -166,7 +160,7 @@ class FusionService(Service[FusionSettings]):
                 self._take(delivery)
             self._look_after()
         self._desk.close()
-        self._state_file.save_last(self._chunk)
+        self._state_file.save_last(self.running.chunk)
 
     def stop(self) -> None:
         """Wake the loop so that it ends at once."""
@@ -175,38 +169,7 @@ class FusionService(Service[FusionSettings]):
 
     def answer_state(self) -> bytes:
         """Return the tracker's state at the last chunk boundary as a ``StateAnswer`` in JSON, with its radio model."""
-        taken = self._snapshot()
-        return self._encoded(taken, taken.model)
-
-    def _snapshot(self) -> _Snapshot:
-        """Copy the tracker at the last chunk boundary."""
-        with self._boundary:
-            return _Snapshot(self._chunk, self.tracker.snapshot(), self._radio.digest, self._radio.update)
-
-    def _state_to_save(self) -> tuple[int, Callable[[], bytes]]:
-        """Copy the tracker; return the chunk it is of and what encodes the copy, in any thread.
-
-        To encode takes longer than the time between two chunks may be: fusion goes on meanwhile.
-        """
-        taken = self._snapshot()
-
-        def saved() -> bytes:
-            self._radio_file.write(taken.radio, taken.model)
-            return self._encoded(taken, None)
-
-        return taken.chunk, saved
-
-    def _encoded(self, taken: _Snapshot, model: RadioModelUpdate | None) -> bytes:
-        return msgspec.json.encode(
-            StateAnswer(
-                chunk=taken.chunk,
-                tracker=self.settings.tracker,
-                seed=self.settings.tracker_seed,
-                radio=taken.radio,
-                model=model,
-                state=msgspec.Raw(taken.encode()),
-            )
-        )
+        return self.running.answer()
 
     def _take(self, delivery: Delivery[Message]) -> None:
         message, trace = delivery.message, delivery.trace
@@ -236,13 +199,13 @@ class FusionService(Service[FusionSettings]):
 
     def _consider(self, update: RadioModelUpdate, trace: Trace) -> None:
         """Let a radio model go live with the next chunk, or say why it does not."""
-        if not isinstance(self.tracker, Retuning):
+        if not isinstance(self.running.tracker, Retuning):
             self._counted["radio model for a tracker that takes none"] += 1
             return
         try:
-            if self._radio.accept(update):
+            if self.running.radio.accept(update):
                 self.chunker.add_model(update, trace.id)
-            elif self._radio.older(update):
+            elif self.running.radio.older(update):
                 self._counted["radio model older than the one in use"] += 1
         except RadioModelError as error:
             self._counted["radio model that does not fit the site"] += 1
@@ -268,11 +231,9 @@ class FusionService(Service[FusionSettings]):
     def _consume(self, closed: Closed, trace: Trace) -> None:
         """Step the tracker; tell first what it consumed, then what came of it."""
         chunk = closed.chunk
-        with self._boundary:
-            began = time.perf_counter()
-            frame = self._radio.step(self.tracker, chunk)
-            self._chunk = chunk.index
-            STEP.observe(time.perf_counter() - began)
+        began = time.perf_counter()
+        frame = self.running.step(chunk)
+        STEP.observe(time.perf_counter() - began)
         self._marks.publish(
             ChunkMark(
                 t=frame.t,
@@ -284,7 +245,7 @@ class FusionService(Service[FusionSettings]):
             )
         )
         self._tracks.publish(frame, origin=trace.origin)
-        revision = self.tracker.revision()
+        revision = self.running.tracker.revision()
         if revision is not None:
             self._revisions.publish(revision, origin=trace.origin)
         self._recent.add(chunk)
@@ -303,7 +264,7 @@ class FusionService(Service[FusionSettings]):
 
     def _tell_radio(self) -> None:
         """Tell which radio model is in use from now on."""
-        update = self._radio.update
+        update = self.running.radio.update
         self._desk.view = self.view
         if update is not None:
             RADIO_VERSION.set(update.version)
@@ -322,15 +283,16 @@ class FusionService(Service[FusionSettings]):
         if time.monotonic() - self._frame_at >= self.QUIET:
             self._forget_without_a_frame()
         known = Count(self.chunker.dropped)
-        known.update(self.tracker.ignored())
+        known.update(self.running.tracker.ignored())
         self._counted.update(known - self._known)
         self._known = known
         for reason, count in (self._counted - self._exported).items():
             DROPPED.labels(reason).inc(count)
         self._exported = Count(self._counted)
-        complaints = self.tracker.complaints() if isinstance(self.tracker, Complaining) else []
+        tracker = self.running.tracker
+        complaints = tracker.complaints() if isinstance(tracker, Complaining) else []
         self._watch.look({**self._counted, **_lost_on_the_bus()}, complaints, self._people, time.monotonic())
-        self._state_file.save_if_due(self._chunk)
+        self._state_file.save_if_due(self.running.chunk)
 
     # -- across restarts ---------------------------------------------------------------------------------------------
 
@@ -339,32 +301,16 @@ class FusionService(Service[FusionSettings]):
             saved_bytes = self._state_file.read()
             if saved_bytes is None:
                 return
-            saved = msgspec.json.decode(saved_bytes, type=StateAnswer)
-            if saved.tracker != self.settings.tracker:
-                raise TrackerStateError(f"a state of tracker {saved.tracker!r}, expected {self.settings.tracker!r}")
-            radio = radio_of_state(saved, self._radio, self._radio_file.read(saved.radio))
-            tracker = make_tracker(self.settings.tracker, radio.view, self.settings.tracker_seed)
-            tracker.restore(msgspec.json.encode(saved.state))
+            self.running.restore(saved_bytes, self._radio_file)
         except (OSError, msgspec.DecodeError, TrackerStateError) as error:
             log.warning("starting without the saved state", reason=str(error))
             return
-        self._radio, self.tracker = radio, tracker
         self._tell_radio()
-        self._chunk = saved.chunk
-        self._state_file.restored(saved.chunk)
-        self._known = Count(self.tracker.ignored())
-        self.chunker.resume_after(saved.chunk)
-        log.info("state restored", chunk=saved.chunk)
-
-
-@dataclass(frozen=True)
-class _Snapshot:
-    """The tracker after a chunk: what encodes it, the digest of its radio, and the model that went live, if one did."""
-
-    chunk: int
-    encode: Callable[[], bytes]
-    radio: str
-    model: RadioModelUpdate | None
+        chunk = self.running.chunk
+        self._state_file.restored(chunk)
+        self._known = Count(self.running.tracker.ignored())
+        self.chunker.resume_after(chunk)
+        log.info("state restored", chunk=chunk)
 
 
 def _view_of(settings: FusionSettings, site: Site, area: str) -> AreaView:
