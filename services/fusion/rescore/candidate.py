@@ -20,6 +20,7 @@ __all__ = [
     "RadioCandidate",
     "StrideCandidate",
     "apply",
+    "check_size",
     "read_candidate",
 ]
 
@@ -59,9 +60,7 @@ def read_candidate(question: bytes) -> Candidate:
     Raises:
         CandidateError: it is none.
     """
-    if len(question) > LARGEST:
-        found = f"{len(question) / 2**20:.0f} MB"
-        raise CandidateError(f"question: found {found}; allowed: at most {LARGEST // 2**20}; ask about fewer minutes")
+    check_size(question)
     if not question.strip():
         return NoCandidate()
     try:
@@ -72,6 +71,17 @@ def read_candidate(question: bytes) -> Candidate:
     if since is not None and until is not None and not since < until:
         raise CandidateError(f"until: found {until}; allowed: after since, {since}")
     return candidate
+
+
+def check_size(question: bytes) -> None:
+    """Refuse a question of absurd size.
+
+    Raises:
+        CandidateError: it is one.
+    """
+    if len(question) > LARGEST:
+        found = f"{len(question) / 2**20:.0f} MB"
+        raise CandidateError(f"question: found {found}; allowed: at most {LARGEST // 2**20}; ask about fewer minutes")
 
 
 def apply(candidate: Candidate, view: AreaView) -> Asked:

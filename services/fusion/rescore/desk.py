@@ -12,12 +12,15 @@ import msgspec
 import structlog
 
 from services.fusion.area_view import AreaView
-from services.fusion.rescore.candidate import CandidateError, apply, read_candidate
+from services.fusion.rescore.candidate import CandidateError, apply, check_size, read_candidate
 from services.fusion.rescore.recent import RecentChunks
 from services.fusion.rescore.worker import Job, too_few
 from shared.bus import Question
 
 __all__ = ["RescoreDesk"]
+
+READ_AT_ONCE = 2**20
+"""Bytes; to read what is longer takes so long that fusion would feel it, so the trial's own process does."""
 
 log = structlog.get_logger(__name__)
 
@@ -49,7 +52,9 @@ class RescoreDesk:
     def take(self, question: Question) -> None:
         """Answer a question, soon or when its trial is over; returns at once."""
         try:
-            asked = apply(read_candidate(question.payload), self.view)
+            check_size(question.payload)
+            if len(question.payload) <= READ_AT_ONCE:
+                apply(read_candidate(question.payload), self.view)
         except CandidateError as error:
             question.answer(_refusal(str(error)))
             return
@@ -60,7 +65,7 @@ class RescoreDesk:
         if self._closed or not self._free.acquire(blocking=False):
             question.answer(_refusal("busy: another candidate is being tried; ask again later"))
             return
-        job = Job(chunks, self._tracker, self._seed, asked)
+        job = Job(chunks, self._tracker, self._seed, self.view, question.payload)
         threading.Thread(target=self._try, args=(job, question, erasures), name="rescore", daemon=True).start()
 
     def close(self) -> None:

@@ -23,19 +23,20 @@ from services.fusion.rescore.significance import gain_error, rate_error
 from services.fusion.rescore.trial import LEAST_SCANS, Held, run_trial, withhold
 from services.fusion.tracker import Chunk
 
-__all__ = ["Answer", "DeviceAnswer", "Job", "SightAnswer", "answer", "judge", "rescore", "too_few"]
+__all__ = ["Answer", "DeviceAnswer", "Job", "SightAnswer", "answer", "rescore", "too_few"]
 
 NICE = 15
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be tried, on chunks as ``RecentChunks`` keeps them."""
+    """A question and what it is about: chunks as ``RecentChunks`` keeps them, the area under the active model."""
 
     chunks: Sequence[bytes]
     tracker: str
     seed: int
-    asked: Asked
+    view: AreaView
+    question: bytes
 
 
 class DeviceAnswer(msgspec.Struct, frozen=True, kw_only=True):
@@ -97,22 +98,28 @@ def rescore(
         tracker: name of the tracker.
         seed: of it.
     """
-    try:
-        told = judge(list(chunks), tracker, seed, apply(read_candidate(question), view))
-    except CandidateError as error:
-        told = Answer(error=str(error))
-    found: dict[str, Any] = msgspec.to_builtins(told)
-    return found
+    told: dict[str, Any] = msgspec.to_builtins(_answer(question, chunks, view, tracker, seed))
+    return told
 
 
 def answer(job: Job) -> Answer:
-    """Score both sides of a job."""
-    return judge([decode_chunk(packed) for packed in job.chunks], job.tracker, job.seed, job.asked)
+    """Do a job."""
+    chunks = (decode_chunk(packed) for packed in job.chunks)
+    return _answer(job.question, chunks, job.view, job.tracker, job.seed)
 
 
-def judge(chunks: Sequence[Chunk], tracker: str, seed: int, asked: Asked) -> Answer:
-    """Score the active model and the candidate."""
+def _answer(question: bytes, chunks: Iterable[Chunk], view: AreaView, tracker: str, seed: int) -> Answer:
     began = time.perf_counter()
+    try:
+        asked = apply(read_candidate(question), view)
+    except CandidateError as error:
+        return Answer(error=str(error))
+    told = _judge(list(chunks), tracker, seed, asked)
+    return msgspec.structs.replace(told, took=time.perf_counter() - began)
+
+
+def _judge(chunks: Sequence[Chunk], tracker: str, seed: int, asked: Asked) -> Answer:
+    """Score the active model and the candidate."""
     held = withhold(chunks, asked.active.view.radio.names, asked.since, asked.until)
     if held.seconds <= 0.0 or (held.scans < LEAST_SCANS and not asked.sight):
         return Answer(error=too_few(held.scans))
@@ -120,9 +127,8 @@ def judge(chunks: Sequence[Chunk], tracker: str, seed: int, asked: Asked) -> Ans
     candidate, would = None, None
     if asked.candidate is not None:
         candidate, would = run_trial(held, asked.candidate, tracker, seed, sight=asked.sight)
-    told = _answer(held, active, candidate)
-    sight = None if seen is None else _sight(held, seen, would)
-    return msgspec.structs.replace(told, sight=sight, took=time.perf_counter() - began)
+    told = _by_radio(held, active, candidate)
+    return told if seen is None else msgspec.structs.replace(told, sight=_sight(held, seen, would))
 
 
 def too_few(scans: int) -> str:
@@ -130,7 +136,7 @@ def too_few(scans: int) -> str:
     return f"scans: found {scans} to withhold in the time asked about; allowed: {LEAST_SCANS} or more"
 
 
-def _answer(held: Held, active: dict[str, Score], candidate: dict[str, Score] | None) -> Answer:
+def _by_radio(held: Held, active: dict[str, Score], candidate: dict[str, Score] | None) -> Answer:
     overall = total(list(active.values()))
     told = Answer(
         scans=held.scans,

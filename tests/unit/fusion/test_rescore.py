@@ -29,7 +29,7 @@ from services.fusion.rescore.quality import (
     score_walks,
 )
 from services.fusion.rescore.recent import RecentChunks, decode_chunk
-from services.fusion.rescore.setting import Asked, Setting, under
+from services.fusion.rescore.setting import under
 from services.fusion.rescore.sight import DETECTION, SightJudge
 from services.fusion.rescore.significance import gain_error
 from services.fusion.rescore.trial import withhold
@@ -189,20 +189,9 @@ def test_a_worse_radio_model_scores_worse_and_the_same_model_the_same(view: Area
     recent = RecentChunks(1e9, 10**9)
     for one in chunks:
         recent.add(one)
-    asked = apply(
-        read_candidate(
-            json.dumps(
-                {
-                    "kind": "radio",
-                    "access_points": {
-                        f"ap-{n}": {"power_1m": -80 if n % 2 else -20, "path_loss_exponent": 1.2} for n in range(1, 7)
-                    },
-                }
-            ).encode()
-        ),
-        view,
-    )
-    job = Job(recent.copy(), "evidence", 0, asked)
+    points = {f"ap-{n}": {"power_1m": -80 if n % 2 else -20, "path_loss_exponent": 1.2} for n in range(1, 7)}
+    question = json.dumps({"kind": "radio", "access_points": points}).encode()
+    job = Job(recent.copy(), "evidence", 0, view, question)
     told = answer(job)
     assert told.error is None
     assert told.scans > 50
@@ -212,7 +201,7 @@ def test_a_worse_radio_model_scores_worse_and_the_same_model_the_same(view: Area
     assert {device: one.scans for device, one in told.devices.items()}.keys() == {"0", "1", "2"}
     assert told.gain_error is not None
     assert 0.0 < told.gain_error < abs(told.gain)
-    same = answer(dataclasses.replace(job, asked=Asked(Setting(view), Setting(view))))
+    same = answer(dataclasses.replace(job, question=b'{"kind": "radio", "model": null}'))
     assert (same.gain, same.gain_error, same.active) == (0.0, 0.0, told.active)
     few = answer(dataclasses.replace(job, chunks=job.chunks[:30]))
     assert few.error is not None
@@ -224,8 +213,8 @@ def test_a_stride_candidate_stretches_what_phones_say(view: AreaView, chunks: li
     recent = RecentChunks(1e9, 10**9)
     for one in chunks:
         recent.add(one)
-    asked = apply(read_candidate(b'{"kind": "stride", "scale": {"0": 1.8, "1": 0.55}}'), view)
-    told = answer(Job(recent.copy(), "evidence", 0, asked))
+    question = b'{"kind": "stride", "scale": {"0": 1.8, "1": 0.55}}'
+    told = answer(Job(recent.copy(), "evidence", 0, view, question))
     gains = {device: one.gain or 0.0 for device, one in told.devices.items()}
     assert max(gains["0"], gains["1"]) < -0.02
     assert gains["2"] > max(gains["0"], gains["1"])
