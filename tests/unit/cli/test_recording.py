@@ -1,6 +1,7 @@
 """A recording must give back exactly what fusion consumed, whatever order it reached the recorder in."""
 
 import random
+import threading
 from pathlib import Path
 
 import pytest
@@ -8,13 +9,13 @@ from fusion_world import SITE
 from mcap.reader import make_reader
 
 from services.cli.recording import Recording, RecordingError, RecordingWriter
-from services.cli.replay import verify
+from services.cli.replay import play, verify
 from services.fusion.area_view import AreaView
 from services.fusion.registry import make_tracker
 from services.fusion.tracker import Chunk
-from shared.bus import Trace
+from shared.bus import Bus, Trace
 from shared.keys import Keys
-from shared.messages import ChunkMark, DetectionFrame, RadioScan, Revision, TrackFrame, encode
+from shared.messages import ChunkMark, DetectionFrame, RadioModelUpdate, RadioScan, Revision, TrackFrame, encode
 from shared.site import load_site
 
 KEYS = Keys("test")
@@ -157,3 +158,32 @@ def test_verifying_compares_revisions_too(tmp_path: Path) -> None:
                 writer.write(keys.revisions("hall"), revision, Trace("1-3", 0.0, 1.2))
         (verdict,) = verify(Recording(path), site)
         assert (verdict.revisions, verdict.identical) == (int(invented), not invented)
+
+
+def test_a_radio_model_told_an_hour_before_is_found_whenever_a_mark_names_it_and_sets_no_pace(
+    tmp_path: Path, zenoh_router: str
+) -> None:
+    path = tmp_path / "r.mcap"
+    model = RadioModelUpdate(t=0.0, area="a", version=1)
+    with RecordingWriter(path, "test", Path("site.yaml")) as writer:
+        writer.write(KEYS.radio_model("a"), model, Trace("old", 0.0, 100.0))
+        for n in range(5000):
+            writer.write(KEYS.detections("c"), frame(n), Trace(f"f{n}", 0.0, 3700.0 + n / 50))
+        mark = ChunkMark(t=0.0, area="a", chunk=0, t_start=0.0, t_end=1.0, consumed=["f4999", "old"])
+        writer.write(KEYS.chunks("a"), mark, Trace("m", 0.0, 3801.0))
+        writer.write(KEYS.tracks("a"), TrackFrame(t=0.0, area="a", chunk=0, tracker="x"), Trace("t", 0.0, 3801.0))
+    (chunk,) = Recording(path).consumed("a")
+    assert chunk.inputs == (frame(4999), model)
+    assert chunk.missing == 0
+
+    class Impatient(threading.Event):
+        longest = 0.0
+
+        def wait(self, timeout: float | None = None) -> bool:
+            self.longest = max(self.longest, timeout or 0.0)
+            return False
+
+    stopping = Impatient()
+    with Bus([zenoh_router]) as bus:
+        assert play(Recording(path), bus, 1.0, stopping) == 5001
+    assert stopping.longest < 200.0  # of the frames' own time, not of the hour before

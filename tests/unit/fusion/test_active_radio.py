@@ -13,6 +13,7 @@ from services.fusion.active_radio import ActiveRadio
 from services.fusion.area_view import AreaView
 from services.fusion.chunks import Chunker
 from services.fusion.radio_file import RadioFile
+from services.fusion.rbmcda.particles import Particles
 from services.fusion.registry import make_tracker
 from services.fusion.replay import StateAnswer, replay_steps
 from services.fusion.tracker import Chunk, TrackerStateError
@@ -126,6 +127,22 @@ def test_a_model_is_kept_as_long_as_a_state_names_it(view: AreaView, tmp_path: P
     assert kept.read(digests[2]) is None
     assert neighbour.exists()
     RadioFile(None).write(digests[0], first)
+
+
+def test_what_particles_hear_stays_what_it_was_where_models_differ_by_a_slope() -> None:
+    """Position and bias under a new model are another way to say the same of what will be heard."""
+    rng = np.random.default_rng(8)
+    spread = rng.normal(size=(5, 5))
+    before = Particles.empty(4, 3).with_device(rng.normal(size=5), spread @ spread.T)
+    slope, level = rng.normal(size=(2, 3)), rng.normal(size=3)
+    after = before.retuned(lambda places: places @ slope + level)
+    # heard = bias + expected, and the new model expects ``places @ slope + level`` less.
+    back = np.eye(5)
+    back[2:, :2] = -slope.T
+    same = back @ after.covariance[:, :, 0] @ back.T
+    np.testing.assert_allclose(same, before.covariance[:, :, 0], atol=1e-9)
+    np.testing.assert_allclose(after.mean[2:, 0] - before.mean[2:, 0], before.mean[:2, 0] @ slope + level)
+    np.testing.assert_array_equal(after.mean[:2], before.mean[:2])
 
 
 def recorded(chunks: list[Chunk]) -> list[tuple[ChunkMark, tuple[Message, ...]]]:
