@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from services.fusion.evidence.identity_settings import IdentitySettings
 from services.fusion.rescore.offsets import Offsets
 from services.fusion.rescore.significance import SLOT
 from shared.radio import PathLoss, RadioNoise, ShadowingMap
@@ -51,6 +52,11 @@ MEMORY = 7.0
 """Seconds after which what somebody hears who is carried about is no longer like before."""
 UNSEEN_SIGMA = 10.0
 """dB, of an access point read once or twice."""
+CARRIER = IdentitySettings().shadowing_known
+"""dB by which visits to one spot differ whatever a map knows of the spot: who carries the phone, and how they face.
+Trackers believe it too; without it a map that makes names better looks worse than none, for it seems too sure."""
+LEARNED = 1.5
+"""dB by which what a learned model says of an access point may be off for everybody: it drifts."""
 NAME_ERROR = 0.5
 """dB² added per reading for a place that is right to a few tenths of a metre only."""
 
@@ -118,11 +124,11 @@ def score_scans(
         devices: what was withheld, and where the tracker had each device.
         null: mean and variance (m,) of each access point's readings, wherever they were made.
         radio: the model of the m access points.
-        shadowing: what was learned beyond it; its variance holds what an access point's constants may be off.
+        shadowing: what was learned beyond it.
         noise: what the model does not explain.
     """
     points = len(radio.names)
-    constants = np.full(points, noise.access_point if shadowing is None else 0.0)
+    constants = np.full(points, noise.access_point if shadowing is None else LEARNED)
     model = Offsets(len(devices), noise.device, constants)
     nowhere = Offsets(len(devices), noise.device, np.zeros(points))
     known = [np.flatnonzero(np.isfinite(heard.places).all(axis=1)) for heard in devices]
@@ -140,7 +146,7 @@ def score_scans(
         if shadowing is not None:
             mean, unknown = shadowing.at(spots)
             expected = expected + mean[np.arange(len(rows)), columns]
-            variance = unknown[np.arange(len(rows)), columns]
+            variance = unknown[np.arange(len(rows)), columns] + CARRIER**2
         covariance = placed_covariance(spots, columns, variance, noise)
         gain = model.log_likelihood(level - expected, number, columns, covariance)
         covariance = null_covariance(heard.t[rows], columns, null[1], noise)

@@ -15,6 +15,7 @@ from scipy.stats import multivariate_normal
 
 from services.fusion.area_view import AreaView, ViewMap
 from services.fusion.evidence.identity_settings import NOISE
+from services.fusion.rescore import quality
 from services.fusion.rescore.candidate import CandidateError, apply, read_candidate
 from services.fusion.rescore.desk import RescoreDesk
 from services.fusion.rescore.offsets import Offsets
@@ -36,7 +37,7 @@ from services.fusion.rescore.trial import withhold
 from services.fusion.rescore.worker import Job, answer, rescore
 from services.fusion.tracker import Chunk
 from shared.messages import DetectionFrame, Erasure, TrackFrame
-from shared.radio import PathLoss, log_likelihood
+from shared.radio import PathLoss, ShadowingMap, log_likelihood
 from shared.site import Site
 
 CORNERS = [(0.0, 0.0, 2.8), (20.0, 0.0, 2.8), (20.0, 12.0, 2.8), (0.0, 12.0, 2.8)]
@@ -129,6 +130,26 @@ def test_the_right_model_explains_more_than_a_wrong_one_and_than_none() -> None:
 
 def test_a_longer_time_is_not_a_better_model() -> None:
     assert score(RADIO, 400) == pytest.approx(score(RADIO, 100), abs=0.1)
+
+
+def test_a_true_map_is_better_than_none_though_visits_to_one_spot_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who carries a phone, and how they face, no map knows: without room for it the truest map would look too sure."""
+    rng = np.random.default_rng(9)
+    level, points, places = readings(240, 3)
+    x, y = np.meshgrid(np.arange(21.0), np.arange(13.0))
+    shade = np.stack([4.0 * np.sin(x / 2.0 + n) * np.cos(y / 2.0 - n) for n in range(4)])
+    grid = ShadowingMap(RADIO.names, np.zeros(2), 1.0, shade, np.full_like(shade, 0.5))
+    visits = rng.normal(0.0, 4.0, (24, 4))
+    seconds = np.arange(len(level)) // 4
+    level = level + grid.at(places)[0][np.arange(len(level)), points] + visits[seconds // 10, points]
+    heard = Heard(seconds * 1.0, level, points, places)
+
+    def told(shadowing: ShadowingMap | None) -> float:
+        return score_scans([heard], null_of(level, points, 4, NOISE), RADIO, shadowing, NOISE)[0].per_reading
+
+    assert told(grid) > told(None) + 0.02
+    monkeypatch.setattr(quality, "CARRIER", 0.0)
+    assert told(grid) < told(None)
 
 
 def test_not_to_know_is_worth_nothing() -> None:
