@@ -23,7 +23,7 @@ from services.fusion.rescore.sight import Sight, SightJudge
 from services.fusion.tracker import Chunk
 from shared.messages import RadioScan, TrackFrame
 
-__all__ = ["LEAST_SCANS", "WARM_UP", "Held", "Withheld", "run_trial", "withhold"]
+__all__ = ["LEAST_SCANS", "WARM_UP", "Held", "Paths", "Withheld", "run_trial", "score", "withhold"]
 
 WARM_UP = 60.0
 """Seconds, or a third of the time where that is less, in which the trackers find out who is who."""
@@ -107,10 +107,14 @@ def withhold(chunks: Sequence[Chunk], names: Sequence[str], since: float = -math
     return Held(kept, columns, scored_from, min(end, until))
 
 
+Paths = Mapping[str, Mapping[float, tuple[float, float]]]
+"""By device and time, where the track was that bore its name, metres."""
+
+
 def run_trial(
     held: Held, setting: Setting, tracker: str, seed: int, *, sight: bool = False
-) -> tuple[dict[str, Score], Sight | None]:
-    """Return each device's score under one side, and what cameras say of the tracks where that is asked.
+) -> tuple[Paths, Sight | None]:
+    """Return where each device was under one side, and what cameras say of the tracks where that is asked.
 
     Args:
         held: what the tracker may know and what it may not.
@@ -122,9 +126,8 @@ def run_trial(
     machine = make_tracker(tracker, setting.view, seed)
     judge = SightJudge(setting.view, held.since, held.until) if sight else None
     paths: dict[str, dict[float, tuple[float, float]]] = defaultdict(dict)
-    chunks = under(setting, held.chunks)
     before: TrackFrame | None = None
-    for chunk in chunks:
+    for chunk in under(setting, held.chunks):
         if judge is not None and before is not None:
             judge.look(chunk.frames, before)
         before = frame = machine.step(chunk)
@@ -132,12 +135,11 @@ def run_trial(
             # A device followed by radio alone would be scored at a place made of radio.
             if device is not None and device in held.withheld and frame.state[row] != "unseen":
                 paths[device][frame.t] = (frame.x[row], frame.y[row])
-    return _scores(held, setting, chunks, paths), None if judge is None else judge.sight()
+    return paths, None if judge is None else judge.sight()
 
 
-def _scores(
-    held: Held, setting: Setting, chunks: Sequence[Chunk], paths: Mapping[str, Mapping[float, tuple[float, float]]]
-) -> dict[str, Score]:
+def score(held: Held, setting: Setting, paths: Paths) -> dict[str, Score]:
+    """Return each device's score, its withheld readings and steps held against ``paths`` by what one side believes."""
     everything = list(held.withheld.values())
     if not everything:
         return {}
@@ -153,7 +155,7 @@ def _scores(
         Heard(one.t, one.level, one.access_point, places_at(one.t, ways[device][:, 0], ways[device][:, 1:], BRIDGE))
         for device, one in held.withheld.items()
     ]
-    walks = _walks(chunks, held)
+    walks = _walks(under(setting, held.chunks), held)
     scores = {}
     for device, radio in zip(held.withheld, score_scans(heard, null, view.radio, view.shadowing, NOISE), strict=True):
         path = ways[device]

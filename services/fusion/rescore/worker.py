@@ -20,10 +20,10 @@ from services.fusion.rescore.recent import decode_chunk
 from services.fusion.rescore.setting import Asked
 from services.fusion.rescore.sight import Sight
 from services.fusion.rescore.significance import gain_error, rate_error
-from services.fusion.rescore.trial import LEAST_SCANS, Held, run_trial, withhold
+from services.fusion.rescore.trial import LEAST_SCANS, Held, Paths, run_trial, score, withhold
 from services.fusion.tracker import Chunk
 
-__all__ = ["Answer", "DeviceAnswer", "Job", "SightAnswer", "answer", "rescore", "too_few"]
+__all__ = ["Answer", "DeviceAnswer", "Job", "SightAnswer", "answer", "by_radio", "rescore", "too_few"]
 
 NICE = 15
 
@@ -68,8 +68,10 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     """What fusion answers; ``error`` alone where nothing could be tried.
 
     Scores are nats per withheld reading beyond a model that knows no places; ``gain`` is candidate minus active and
-    ``gain_error`` its standard error. ``named``: share of withheld readings made while a track carried the device's
-    name. Where cameras are asked about, too few readings leave the gain open instead of being an error.
+    ``gain_error`` its standard error. ``tracks_gain`` is what the candidate's tracks gain on the active model's where
+    both models judge, each for half: a model is not praised for itself then, only for where it puts people. ``named``:
+    share of withheld readings made while a track carried the device's name. Where cameras are asked about, too few
+    readings leave the gains open instead of being an error.
     """
 
     error: str | None = None
@@ -81,6 +83,8 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     candidate_named: float | None = None
     gain: float | None = None
     gain_error: float | None = None
+    tracks_gain: float | None = None
+    tracks_gain_error: float | None = None
     sight: SightAnswer | None = None
     devices: dict[str, DeviceAnswer] = {}
     took: float = 0.0
@@ -127,7 +131,7 @@ def _judge(chunks: Sequence[Chunk], tracker: str, seed: int, asked: Asked) -> An
     candidate, would = None, None
     if asked.candidate is not None:
         candidate, would = run_trial(held, asked.candidate, tracker, seed, sight=asked.sight)
-    told = _by_radio(held, active, candidate)
+    told = by_radio(held, asked, active, candidate)
     return told if seen is None else msgspec.structs.replace(told, sight=_sight(held, seen, would))
 
 
@@ -136,34 +140,45 @@ def too_few(scans: int) -> str:
     return f"scans: found {scans} to withhold in the time asked about; allowed: {LEAST_SCANS} or more"
 
 
-def _by_radio(held: Held, active: dict[str, Score], candidate: dict[str, Score] | None) -> Answer:
-    overall = total(list(active.values()))
+def by_radio(held: Held, asked: Asked, active: Paths, candidate: Paths | None) -> Answer:
+    """Return what withheld readings and steps say of where the devices were under each side."""
+    ours = score(held, asked.active, active)
+    theirs = None if asked.candidate is None or candidate is None else score(held, asked.candidate, candidate)
+    overall = total(list(ours.values()))
     told = Answer(
         scans=held.scans,
         seconds=held.seconds,
         active=overall.per_reading,
         active_named=_named(overall),
         devices={
-            device: _of_device(one.scans, active[device], None if candidate is None else candidate[device])
+            device: _of_device(one.scans, ours[device], None if theirs is None else theirs[device])
             for device, one in held.withheld.items()
         },
     )
-    if candidate is None:
+    if asked.candidate is None or candidate is None or theirs is None:
         return told
-    other = total(list(candidate.values()))
-    enough = held.scans >= LEAST_SCANS
-    count = {(device, slot): readings for device, score in active.items() for slot, readings in score.count.items()}
-    gains = {
-        (device, slot): candidate[device].slots.get(slot, 0.0) - active[device].slots.get(slot, 0.0)
-        for device, slot in count
+    other = total(list(theirs.values()))
+    told = msgspec.structs.replace(told, candidate=other.per_reading, candidate_named=_named(other))
+    if held.scans < LEAST_SCANS:
+        return told
+    count = {(device, slot): readings for device, one in ours.items() for slot, readings in one.count.items()}
+    by_active, by_candidate = score(held, asked.active, candidate), score(held, asked.candidate, active)
+    gains = {block: _in(theirs, block) - _in(ours, block) for block in count}
+    tracks = {
+        block: 0.5 * (_in(by_active, block) - _in(ours, block) + _in(theirs, block) - _in(by_candidate, block))
+        for block in count
     }
     return msgspec.structs.replace(
         told,
-        candidate=other.per_reading,
-        candidate_named=_named(other),
-        gain=other.per_reading - overall.per_reading if enough else None,
-        gain_error=gain_error(gains, count) if enough else None,
+        gain=other.per_reading - overall.per_reading,
+        gain_error=gain_error(gains, count),
+        tracks_gain=sum(tracks.values()) / max(sum(count.values()), 1),
+        tracks_gain_error=gain_error(tracks, count),
     )
+
+
+def _in(scores: dict[str, Score], block: tuple[str, int]) -> float:
+    return scores[block[0]].slots.get(block[1], 0.0)
 
 
 def _sight(held: Held, active: Sight, candidate: Sight | None) -> SightAnswer:

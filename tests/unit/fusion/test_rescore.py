@@ -30,11 +30,11 @@ from services.fusion.rescore.quality import (
     score_walks,
 )
 from services.fusion.rescore.recent import RecentChunks, decode_chunk
-from services.fusion.rescore.setting import under
+from services.fusion.rescore.setting import Asked, Setting, under
 from services.fusion.rescore.sight import DETECTION, SightJudge
 from services.fusion.rescore.significance import gain_error
 from services.fusion.rescore.trial import withhold
-from services.fusion.rescore.worker import Job, answer, rescore
+from services.fusion.rescore.worker import Job, answer, by_radio, rescore
 from services.fusion.tracker import Chunk
 from shared.messages import DetectionFrame, Erasure, TrackFrame
 from shared.radio import PathLoss, ShadowingMap, log_likelihood
@@ -224,6 +224,9 @@ def test_a_worse_radio_model_scores_worse_and_the_same_model_the_same(view: Area
     assert 0.0 < told.gain_error < abs(told.gain)
     same = answer(dataclasses.replace(job, question=b'{"kind": "radio", "model": null}'))
     assert (same.gain, same.gain_error, same.active) == (0.0, 0.0, told.active)
+    assert (same.tracks_gain, same.tracks_gain_error) == (0.0, 0.0)
+    # Three people are told apart all the same: only the model is worse, not where it puts them.
+    assert told.tracks_gain == pytest.approx(0.0, abs=0.01)
     few = answer(dataclasses.replace(job, chunks=job.chunks[:30]))
     assert few.error is not None
     assert "20 or more" in few.error
@@ -295,6 +298,24 @@ def test_a_trial_that_runs_while_somebody_withdraws_is_not_told(view: AreaView, 
     desk.forget()
     assert b"withdrew consent" in asked.told.result(timeout=60.0)
     desk.close()
+
+
+def test_tracks_are_judged_apart_from_the_models_that_made_them(
+    site: Site, view: AreaView, chunks: list[Chunk]
+) -> None:
+    world = World(site, seed=5, seconds=60.0, people=3)
+    times = [one.t_start for one in chunks]
+    right = {str(one): {t: (*world.places(t)[one].tolist(),) for t in times} for one in range(3)}
+    swapped = {"0": right["1"], "1": right["0"], "2": right["2"]}
+    surer = dataclasses.replace(view, radio=dataclasses.replace(view.radio, power_1m=view.radio.power_1m - 9.0))
+    held = withhold(chunks, view.radio.names)
+    same = by_radio(held, Asked(Setting(view), Setting(view)), right, swapped)
+    assert same.gain is not None
+    assert same.tracks_gain == pytest.approx(same.gain)
+    assert same.tracks_gain < -0.1
+    other = by_radio(held, Asked(Setting(view), Setting(surer)), right, right)
+    assert other.gain != 0.0
+    assert other.tracks_gain == 0.0
 
 
 def frames_of(chunks: list[Chunk], camera: str = "west") -> list[DetectionFrame]:
