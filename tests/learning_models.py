@@ -93,8 +93,8 @@ def lesson(learner: TestLearner, *areas: str) -> Lesson:
 def walk(seconds: float, begin: float = 0.0, device: str = "d-1", place: str = "hall") -> list[TrackFrame]:
     """Frames of somebody who walks with a phone."""
     frames = []
-    for number in range(int(seconds * 5)):
-        t = begin + number / 5
+    for number in range(int(seconds * 2)):
+        t = begin + number / 2
         columns: dict[str, Any] = {
             "track": [7],
             "floor": ["ground"],

@@ -150,6 +150,7 @@ class Demo:
 
     def _plan(self) -> tuple[list[ProcessSpec], list[ProcessSpec]]:
         database = self._folder / f"{self.site.site}.db"
+        models = self._folder / f"{self.site.site}-learning.db"
         # For a fusion that is killed in mid-run; who was about in the demo before is nobody's business now.
         state = self._folder / f"{self.site.site}-state"
         shutil.rmtree(state, ignore_errors=True)
@@ -176,6 +177,7 @@ class Demo:
                 for area in self.site.areas
             ),
             ("geofence", "services.geofence", {}),
+            ("learning", "services.learning", {"ATRIUM_LEARNING_DATABASE_URL": f"sqlite:///{models}"}),
             ("api", "services.api", {"ATRIUM_API_PORT": str(self.ports.api)}),
         ]
         if self._dashboard:

@@ -18,6 +18,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from services.cli import models
 from services.cli import replay as player
 from services.cli.demo import API_KEY, Demo, Ports, find_site
 from services.cli.launcher import LauncherError
@@ -32,11 +33,12 @@ from shared.site import SiteError, load_site
 __all__ = ["app", "main"]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="Who is where, in metres, now.")
+app.add_typer(models.app, name="models")
 console = Console(highlight=False)
 
 SiteOption = Annotated[str, typer.Option("--site", help="a shipped site's name, a site file, or its folder")]
 BusOption = Annotated[str, typer.Option("--bus", help="endpoint of the Zenoh router")]
-SERVICES = ("api", "camera", "dashboard", "fusion", "gateway", "geofence", "simulator")
+SERVICES = ("api", "camera", "dashboard", "fusion", "gateway", "geofence", "learning", "simulator")
 ROUTER_WITHIN = 10.0
 """Seconds a command waits for the router it is told to use."""
 QUIET = ("[info", "[debug")
@@ -208,13 +210,19 @@ def simulate(
 
 @app.command()
 def migrate() -> None:
-    """Bring the databases of all services up to date (ATRIUM_DATABASE_URL); run once before the services start."""
-    # Only this command needs the gateway's libraries.
+    """Bring the databases of all services up to date; run once before the services start.
+
+    ATRIUM_DATABASE_URL is the gateway's, ATRIUM_LEARNING_DATABASE_URL learning's, by default the same.
+    """
+    # Only this command needs the libraries of databases.
     from services.gateway.devices.database import migrate as migrate_gateway
     from services.gateway.settings import default_database_url
+    from services.learning.activation.database import migrate as migrate_learning
+    from services.learning.settings import default_learning_database_url
 
     try:
         migrate_gateway(default_database_url())
+        migrate_learning(default_learning_database_url())
     except ServiceError as error:
         console.print(f"[red]{escape(str(error))}[/red]")
         raise typer.Exit(1) from None

@@ -176,13 +176,14 @@ class LearningLoop:
         """Have what a live model replaced tried against it, on what was measured since."""
         for model in self.store.all_active():
             key = model.kind, model.subject
-            if not model.probation or not self._trials.may_begin(key, now):
+            if not model.probation:
                 continue
             former = self.store.before(model)
             question = question_of(former)
+            ripe = self._sensor_time(model.area, now) >= model.since + self._pace.held_out
             if question is None or now > model.decided + LONGEST_PROBATION:
                 self.store.settle(*key)
-            elif self._sensor_time(model.area, now) >= model.since + self._pace.held_out:
+            elif ripe and self._trials.may_begin(key, now):
                 proposal = Proposal(*key, model.area, former, model.since, question)
                 self._trials.start(Candidate(proposal, "former"), model.since, now)
                 return True

@@ -185,7 +185,7 @@ class LearningService(Service[LearningSettings]):
             except msgspec.DecodeError as error:
                 return {"error": f"busy: what {key} answers is not understood: {error}"}
             return answer
-        return {"error": f"busy: {silence}"}
+        return {"error": silence}
 
     def _send(self, model: Message) -> None:
         """Publish a live model, kept for whoever joins later."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-__all__ = ["DeviceTrial", "Trial", "pooled", "read_answer"]
+__all__ = ["DeviceTrial", "SightTrial", "Trial", "pooled", "read_answer"]
 
 
 class DeviceTrial(msgspec.Struct, frozen=True, kw_only=True):
@@ -17,6 +17,13 @@ class DeviceTrial(msgspec.Struct, frozen=True, kw_only=True):
     scans: int = 0
     gain: float | None = None
     """Nats per withheld reading, candidate minus active."""
+
+
+class SightTrial(msgspec.Struct, frozen=True, kw_only=True):
+    """How well cameras' detections speak for the tracks made of them: nats per second, candidate minus active."""
+
+    gain: float | None = None
+    gain_error: float | None = None
 
 
 class Trial(msgspec.Struct, frozen=True, kw_only=True):
@@ -34,6 +41,8 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     gain_error: float | None = None
     active_named: float = 0.0
     candidate_named: float | None = None
+    sight: SightTrial | None = None
+    """Where other detections were tried; then the gain of readings may be left open."""
     devices: dict[str, DeviceTrial] = {}
 
     @property
@@ -67,10 +76,10 @@ def pooled(trials: Sequence[Trial]) -> Trial:
     Raises:
         ValueError: there is none, or one of them tried nothing.
     """
+    if len(trials) == 1 and trials[0].error is None:
+        return trials[0]
     if not trials or any(one.error is not None or one.gain is None for one in trials):
         raise ValueError("trials: one that tried nothing, or none at all; allowed: one or more with a gain")
-    if len(trials) == 1:
-        return trials[0]
     weight = [one.scans for one in trials]
     total = sum(weight)
     spreads = [one.spread for one in trials]

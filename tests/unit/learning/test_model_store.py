@@ -46,7 +46,7 @@ def test_the_migration_makes_the_very_tables_the_program_uses(engine: Engine) ->
 
 
 def test_a_database_that_cannot_be_used_is_named_with_its_setting() -> None:
-    with pytest.raises(ServiceError, match="learning_database_url: .*allowed: sqlite:///FILE"):
+    with pytest.raises(ServiceError, match=r"learning_database_url: .*allowed: sqlite:///FILE"):
         open_learning("nonsense")
 
 

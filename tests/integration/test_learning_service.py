@@ -1,0 +1,200 @@
+"""Learning on a real router with a database: a candidate wins, goes live, is kept, goes back when told to."""
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from learning_models import TestLearner, power_of, radio, stride, walk
+from typer.testing import CliRunner
+from waiting import wait_until
+
+from services.cli.main import app
+from services.cli.models import ModelsError, order
+from services.learning import service as module
+from services.learning.lesson import Lesson
+from services.learning.proposal import Proposal
+from services.learning.service import LearningService
+from services.learning.settings import LearningSettings
+from shared.bus import Bus, Inbox, Question
+from shared.keys import Keys
+from shared.learning_report import LearningReport
+from shared.messages import Erasure, Message, RadioModelUpdate, StrideModel, TrackFrame
+from shared.runner import Health
+from shared.settings import SettingsError
+from shared.site import Site, load_site
+
+KEYS = Keys("hall")
+SITE = "deploy/sites/hall/site.yaml"
+POINTS = [f"ap-{number}" for number in range(1, 7)]
+DEADLINE = 20.0
+
+
+class Fusion:
+    """Answers ``rescore``: candidates win, what is configured does not."""
+
+    def __init__(self, bus: Bus) -> None:
+        self.asked: list[dict[str, Any]] = []
+        self.gain = 0.1
+        bus.answer_questions(KEYS.rescore("hall"), self.take)
+
+    def take(self, question: Question) -> None:
+        self.asked.append(json.loads(question.payload))
+        devices = {name: {"scans": 90, "gain": self.gain} for name in ("d-1", "d-2")}
+        told = {"scans": 180, "seconds": 200.0, "gain": self.gain, "gain_error": 0.001, "devices": devices}
+        question.answer(json.dumps(told).encode())
+
+
+@pytest.fixture(scope="module")
+def site(project: Path) -> Site:
+    return load_site(project / SITE)
+
+
+@contextmanager
+def running(
+    site: Site, project: Path, folder: Path, endpoint: str, learner: TestLearner, **changes: Any
+) -> Iterator[LearningService]:
+    settings = LearningSettings(
+        site_file=project / SITE,
+        profile="demo",
+        bus=[endpoint],
+        learning_database_url=f"sqlite:///{folder / 'learning.db'}",  # type: ignore[arg-type]
+        learn_every=0.1,
+        held_out_minutes=1.0,
+        **changes,
+    )
+    with pytest.MonkeyPatch.context() as patch, Bus([endpoint]) as bus:
+        lessons = [Lesson(f"test-{learner.kind}", learner, frozenset({"hall"}))]
+        patch.setattr(module, "lessons_of", lambda *_: lessons)
+        patch.setattr(module, "TURN", 0.05)
+        health = Health.__new__(Health)  # a second one in one process would register its gauge twice
+        health.__dict__.update(_problems={}, _lock=threading.Lock(), ready=threading.Event())
+        service = LearningService(settings, site, bus, health)
+        thread = threading.Thread(target=service.run, daemon=True)
+        thread.start()
+        assert health.ready.wait(DEADLINE)
+        try:
+            yield service
+        finally:
+            service.stop()
+            thread.join(DEADLINE)
+            assert not thread.is_alive()
+
+
+def proposed(power: float, until: float = 0.0) -> Proposal:
+    return Proposal("radio", "hall", "hall", radio("hall", power, "hall", POINTS), until, b'{"kind":"radio"}')
+
+
+def models(bus: Bus, key: str, kind: type[Message]) -> Inbox:
+    inbox = bus.inbox()
+    inbox.subscribe(key, kind, cached=True)
+    return inbox
+
+
+def next_message(inbox: Inbox) -> Any:
+    return wait_until(lambda: inbox.receive(timeout=0.1), DEADLINE, "a model")[-1].message
+
+
+def report(bus: Bus) -> LearningReport:
+    return msgspec.json.decode(next(bus.ask(KEYS.learning_report()))[1], type=LearningReport)
+
+
+def test_a_candidate_that_wins_is_published_kept_for_late_joiners_and_taken_back_by_order(
+    site: Site, project: Path, tmp_path: Path, zenoh_router: str
+) -> None:
+    learner = TestLearner()
+    learner.proposals = [proposed(-41.0)]
+    with Bus([zenoh_router]) as bus:
+        fusion = Fusion(bus)
+        with running(site, project, tmp_path, zenoh_router, learner):
+            assert report(bus).areas[0].words == "waits: fusion has told no tracks yet"
+            bus.publisher(KEYS.tracks("hall"), TrackFrame).publish(walk(1.0, 1000.0)[0])
+            live = next_message(models(bus, KEYS.radio_model("hall"), RadioModelUpdate))
+            assert (power_of(live), live.version) == (-41.0, 1)
+            assert fusion.asked[0]["since"] == 0.0
+            late = next_message(models(bus, KEYS.radio_model("hall"), RadioModelUpdate))
+            assert late == live
+            told = report(bus)
+            assert (told.history[0].decision, told.areas[0].version) == ("activated", 1)
+            with pytest.raises(ModelsError, match="no radio model of 'east' is active; allowed: hall"):
+                order(bus, "hall", {"do": "rollback", "kind": "radio", "subject": "east"})
+            answer = order(bus, "hall", {"do": "rollback", "kind": "radio", "subject": "hall", "by": "staff"})
+            assert answer.version == 2
+            back = next_message(models(bus, KEYS.radio_model("hall"), RadioModelUpdate))
+            assert (power_of(back), back.version) == (None, 2)
+            assert report(bus).history[0].reason == "ordered by hand (staff)"
+        with running(site, project, tmp_path, zenoh_router, TestLearner()):
+            again = next_message(models(bus, KEYS.radio_model("hall"), RadioModelUpdate))
+            assert again == back, "what is live is published again at every start"
+
+
+def test_models_move_to_another_installation_by_the_command_line(
+    site: Site, project: Path, tmp_path: Path, zenoh_router: str
+) -> None:
+    def atrium(*arguments: str) -> str:
+        done = CliRunner().invoke(app, ["models", *arguments, "--site", "hall", "--bus", zenoh_router])
+        assert done.exit_code in (0, 1), done.output
+        return " ".join(done.output.split())
+
+    learner = TestLearner()
+    learner.proposals = [proposed(-41.0)]
+    file = tmp_path / "models.json"
+    with Bus([zenoh_router]) as bus:
+        Fusion(bus)
+        (tmp_path / "first").mkdir()
+        with running(site, project, tmp_path / "first", zenoh_router, learner):
+            bus.publisher(KEYS.tracks("hall"), TrackFrame).publish(walk(1.0, 1000.0)[0])
+            next_message(models(bus, KEYS.radio_model("hall"), RadioModelUpdate))
+            assert "1 models are live, written to" in atrium("export", str(file))
+            assert "radio hall 1 active" in atrium("list")
+        with running(site, project, tmp_path, zenoh_router, TestLearner()):
+            assert "is frozen" not in atrium("list")
+            atrium("freeze")
+            assert "1 models taken in, live once they win" in atrium("import", str(file))
+            assert "activation is frozen" in atrium("list")
+            version = order(bus, "hall", {"do": "list"}).models[0].version
+            assert "is live as version" in atrium("activate", "radio", "hall", str(version))
+            assert power_of(next_message(models(bus, KEYS.radio_model("hall"), RadioModelUpdate))) == -41.0
+            assert "--camera: found 'old'; allowed: OLD=NEW" in atrium("import", str(file), "--camera", "old")
+            assert "kind" in atrium("rollback", "rado", "hall")
+            file.write_text("[]")
+            assert "bundle: no document of models" in atrium("import", str(file))
+
+
+def test_who_withdraws_leaves_no_model_on_the_bus_and_no_row(
+    site: Site, project: Path, tmp_path: Path, zenoh_router: str
+) -> None:
+    learner = TestLearner("stride")
+    learner.proposals = [Proposal("stride", "d-1", "hall", stride("d-1"), 0.0, gain=1.0, margin=0.1)]
+    learner.known = {"d-1": 3}
+    with Bus([zenoh_router]) as bus, running(site, project, tmp_path, zenoh_router, learner) as service:
+        bus.publisher(KEYS.tracks("hall"), TrackFrame).publish(walk(1.0, 1000.0)[0])
+        assert next_message(models(bus, KEYS.stride_model("d-1"), StrideModel)).slope == 0.3
+        gone = bus.publisher(KEYS.erasure("d-1"), Erasure, cached=True)
+        gone.publish(Erasure(t=1001.0, device="d-1"))
+        wait_until(lambda: learner.forgotten, DEADLINE, "the erasure")
+        wait_until(lambda: not order(bus, "hall", {"do": "list"}).models, DEADLINE, "no row")
+        assert report(bus).history == []
+        wait_until(lambda: service.loop.store.states() == {"test-stride": b"{}"}, DEADLINE, "nothing saved of it")
+        late = models(bus, KEYS.stride_model("d-1"), StrideModel)
+        order(bus, "hall", {"do": "list"})  # what is kept for late joiners would have come meanwhile
+        assert late.receive(timeout=0.2) == []
+
+
+def test_while_fusion_is_away_learning_says_so(site: Site, project: Path, tmp_path: Path, zenoh_router: str) -> None:
+    learner = TestLearner()
+    learner.proposals = [proposed(-41.0)]
+    with Bus([zenoh_router]) as bus, running(site, project, tmp_path, zenoh_router, learner) as service:
+        bus.publisher(KEYS.tracks("hall"), TrackFrame).publish(walk(1.0, 1000.0)[0])
+        problems = wait_until(service.health.problems, DEADLINE, "a word on the health page")
+        assert problems == {"area hall": "learning waits: fusion of area hall does not answer"}
+
+
+def test_an_area_that_does_not_exist_is_refused(site: Site, project: Path) -> None:
+    settings = LearningSettings(site_file=project / SITE, areas=["attic"])
+    with pytest.raises(SettingsError, match=r"areas: 'attic' is no area of the site; allowed: hall; .*ATRIUM_AREAS"):
+        LearningService.check(settings, site)

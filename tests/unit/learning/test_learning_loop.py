@@ -1,0 +1,309 @@
+"""The loop without bus and clock: messages in, decisions out, the same each time."""
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future
+from typing import Any
+
+import msgspec
+import pytest
+from learning_models import TestLearner, area, lesson, power_of, radio, stride, walk
+from sqlalchemy import Engine
+
+from services.learning.activation.database import in_memory
+from services.learning.activation.gate import Gate
+from services.learning.activation.store import Decided, ModelStore
+from services.learning.loop import LearningLoop
+from services.learning.proposal import Proposal
+from services.learning.trials import Inline, Pace
+from shared.learning_report import ModelKind
+from shared.messages import Erasure, Message, RadioModelUpdate, RadioScan
+
+BEGIN = 1000.0
+BEFORE = BEGIN - 100.0
+"""Everything since is held out for a candidate that was taught until then."""
+
+
+class World:
+    """A loop with a fusion that answers as it is told, and everything it sends."""
+
+    def __init__(self, engine: Engine | None = None, executor: Executor | None = None, **options: Any) -> None:
+        self.gain, self.gain_of_configured = 0.1, -0.1
+        self.asked: list[tuple[str, dict[str, Any]]] = []
+        self.sent: list[Message] = []
+        self.learner, self.walker = TestLearner(), TestLearner("stride")
+        self.engine = engine or in_memory()
+        self.loop = LearningLoop(
+            {"hall": area()},
+            [lesson(self.learner), lesson(self.walker)],
+            Gate(),
+            ModelStore(self.engine),
+            self.answer,
+            self.sent.append,
+            Pace(propose=10.0, held_out=60.0, again=20.0, after_refusal=60.0, after_roll_back=600.0, save=50.0),
+            executor=executor,
+            **options,
+        )
+
+    def answer(self, place: str, question: bytes) -> Mapping[str, Any]:
+        asked = msgspec.json.decode(question)
+        self.asked.append((place, asked))
+        gain = self.gain_of_configured if asked.get("model", 0) is None else self.gain
+        return {
+            "scans": 200,
+            "seconds": 120.0,
+            "gain": gain,
+            "gain_error": 0.01,
+            "active_named": 0.8,
+            "candidate_named": 0.8,
+            "devices": {name: {"scans": 100, "gain": gain} for name in ("d-1", "d-2")},
+        }
+
+    def live_until(self, end: float, begin: float = BEGIN, every: float = 5.0) -> None:
+        """Let somebody walk, and look now and then."""
+        looked = begin
+        for frame in walk(end - begin, begin):
+            self.loop.take(frame)
+            if frame.t >= looked + every:
+                looked = frame.t
+                self.loop.look(frame.t)
+
+    def propose(self, power: float = -41.0, until: float = BEFORE) -> None:
+        self.learner.proposals = [
+            Proposal("radio", "hall", "hall", radio(power=power), until, b'{"kind":"radio"}', reason="learned")
+        ]
+
+    def decisions(self) -> list[str]:
+        return [one.decision for one in reversed(self.loop.store.history())]
+
+    def powers(self) -> list[float | None]:
+        return [power_of(one) for one in self.sent if isinstance(one, RadioModelUpdate)]
+
+
+def test_good_stretches_teach_and_what_wins_on_newer_time_goes_live() -> None:
+    world = World()
+    world.live_until(BEGIN + 100.0)
+    assert {one.device for one in world.learner.learned} == {"d-1"}
+    world.propose(until=BEGIN + 45.0)
+    world.live_until(BEGIN + 130.0, BEGIN + 100.0)
+    assert world.decisions() == ["activated"]
+    assert world.asked[0] == ("hall", {"kind": "radio", "since": BEGIN + 45.0})
+    assert world.powers() == [-41.0]
+    assert [power_of(one) for one in world.learner.live] == [-41.0]
+    report = world.loop.report(2000.0)
+    assert (report.areas[0].version, report.areas[0].tracks.good > 0) == (1, True)
+    assert report.history[0].reason.startswith("learned: wins by 0.1")
+
+
+def test_two_runs_of_the_same_messages_decide_the_same() -> None:
+    told = []
+    for _ in range(2):
+        world = World()
+        world.propose()
+        world.live_until(BEGIN + 200.0)
+        told.append(msgspec.json.encode(world.loop.report(3000.0)))
+    assert told[0] == told[1]
+
+
+def test_what_loses_is_refused_and_its_subject_is_left_alone_until_there_is_new_time() -> None:
+    world = World()
+    world.gain = -0.1
+    world.propose()
+    world.live_until(BEGIN + 50.0)
+    assert world.decisions() == ["refused"]
+    assert world.sent == []
+    world.live_until(BEGIN + 110.0, BEGIN + 50.0)
+    assert len(world.asked) == 2
+
+
+def test_a_model_that_does_worse_on_what_came_after_goes_back_by_itself() -> None:
+    world = World()
+    world.gain_of_configured = 0.1
+    world.propose()
+    world.live_until(BEGIN + 40.0)
+    assert world.powers() == [-41.0]
+    world.live_until(BEGIN + 110.0, BEGIN + 40.0)
+    assert world.decisions() == ["activated", "rolled back"]
+    assert world.powers() == [-41.0, None]
+    assert world.asked[1][1] == {"kind": "radio", "model": None, "since": world.asked[1][1]["since"]}
+    assert "on what came after, the model before was better" in world.loop.store.history()[0].reason
+    world.live_until(BEGIN + 400.0, BEGIN + 110.0)
+    assert len(world.asked) == 2, "a model that had to go back is not tried again soon"
+    again = World(world.engine)
+    again.propose()
+    again.loop.begin()
+    again.live_until(BEGIN + 450.0, BEGIN + 400.0)
+    assert again.asked == [], "nor after a restart"
+
+
+def test_a_model_that_stands_its_probation_stays() -> None:
+    world = World()
+    world.propose()
+    world.live_until(BEGIN + 40.0)
+    world.learner.proposals = []
+    world.live_until(BEGIN + 200.0, BEGIN + 40.0)
+    assert world.decisions() == ["activated"]
+    assert len(world.asked) == 2
+    live = world.loop.store.active("radio", "hall")
+    assert live is not None
+    assert not live.probation
+
+
+def test_what_is_better_but_not_surely_is_tried_again_on_time_that_has_not_judged_it() -> None:
+    world = World()
+    world.gain = 0.015  # of an error of 0.01
+    world.propose()
+    world.live_until(BEGIN + 170.0)
+    assert world.decisions() == ["activated"]
+    since = [question["since"] for _, question in world.asked]
+    assert since[1] - BEGIN < 10.0
+
+
+@pytest.mark.parametrize("switch", ["setting", "frozen"])
+def test_with_activation_off_candidates_are_tried_and_told_of_only(switch: str) -> None:
+    world = World(activate=switch != "setting")
+    world.loop.store.freeze(switch == "frozen")
+    world.propose()
+    world.live_until(BEGIN + 60.0)
+    assert world.decisions() == ["refused"]
+    assert world.sent == []
+    assert "would go live" in world.loop.store.history()[0].reason
+
+
+def test_killed_between_decision_and_publication_the_model_is_published_at_the_next_start() -> None:
+    world = World()
+    world.propose()
+
+    def fail(_: Message) -> None:
+        raise ConnectionError("the bus is gone")
+
+    world.loop._publish = fail
+    with pytest.raises(ConnectionError):
+        world.live_until(BEGIN + 60.0)
+    again = World(world.engine)
+    again.loop.begin()
+    assert again.powers() == [-41.0]
+    assert [power_of(one) for one in again.learner.live] == [-41.0]
+
+
+def test_what_learners_know_survives_a_restart_and_a_state_that_is_none_begins_anew() -> None:
+    world = World()
+    world.live_until(BEGIN + 200.0)
+    assert world.learner.known["d-1"] >= 1
+    world.loop.save(BEGIN + 200.0)
+    again = World(world.engine)
+    again.walker.known = {"kept": 1}
+    states = again.loop.store.states()
+    again.loop.store.save_states({**states, "test-stride": b'{"broken":1}'}, 1.0)
+    again.loop.begin()
+    assert again.learner.known == world.learner.known
+    assert again.walker.known == {"kept": 1}
+
+
+def test_who_withdraws_is_forgotten_everywhere_at_once() -> None:
+    world = World()
+    model = Proposal("stride", "d-1", "hall", stride("d-1"), BEFORE, gain=1.0, margin=0.1)
+    world.walker.proposals = [model]
+    world.live_until(BEGIN + 130.0)
+    world.walker.proposals = []
+    assert {type(one).__name__ for one in world.sent} == {"StrideModel"}
+    assert world.loop.store.states()["test-radio"] != b"{}"
+    world.loop.take(Erasure(t=0.0, device="d-1"))
+    world.sent.clear()
+    world.loop.look(BEGIN + 131.0)
+    assert world.learner.forgotten == world.walker.forgotten == ["d-1"]
+    assert world.loop.store.models() == []
+    assert world.loop.store.history() == []
+    assert set(world.loop.store.states().values()) == {b"{}"}
+    scan = RadioScan(t=BEGIN + 131.0, device="d-1", seq=1, access_point=["ap-1"], rssi=[-50.0])
+    world.loop.take(scan)
+    world.live_until(BEGIN + 200.0, BEGIN + 131.0)  # frames still under way name it
+    assert world.sent == []
+    assert world.learner.known == {}
+
+
+def test_a_phones_own_model_that_its_learner_scored_needs_no_fusion() -> None:
+    world = World()
+    world.walker.proposals = [Proposal("stride", "d-1", "hall", stride(), BEFORE, gain=0.2, margin=0.3)]
+    world.live_until(BEGIN + 30.0)
+    assert world.asked == []
+    assert set(world.decisions()) == {"refused"}
+
+
+def test_a_proposal_that_is_not_what_it_says_is_left_out() -> None:
+    world = World()
+    world.learner.proposals = [Proposal("radio", "hall", "hall", radio("east"), BEFORE, b"{}")]
+    world.live_until(BEGIN + 60.0)
+    assert world.asked == []
+
+
+class Slow(Executor):
+    """Answers when it is told to."""
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[Future[Any], Callable[[], Any]]] = []
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        self.waiting.append((future, lambda: fn(*args, **kwargs)))
+        return future
+
+    def answer(self) -> None:
+        future, work = self.waiting.pop(0)
+        future.set_result(work())
+
+
+def test_one_candidate_at_a_time_and_an_answer_about_what_is_no_longer_live_is_void() -> None:
+    slow = Slow()
+    world = World(executor=slow)
+    world.propose()
+    world.live_until(BEGIN + 60.0)
+    assert len(slow.waiting) == 1
+    assert world.loop.words("hall") == "a candidate is being tried: radio"
+    stored = world.loop.store.refuse(radio(power=-39.0), "radio", "hall", "hall", Decided(BEGIN, BEGIN, ""))
+    world.loop.put_live(stored, BEGIN + 60.0, "by hand")
+    slow.answer()
+    world.loop.look(BEGIN + 61.0)
+    assert world.powers() == [-39.0]
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        ({"error": "fusion of area hall does not answer"}, "waits: fusion of area hall does not answer"),
+        ({"error": "scans: found 2 to withhold"}, "waits: scans: found 2"),
+        (ConnectionError("no bus"), "waits: fusion of area hall: no bus"),
+    ],
+)
+def test_where_fusion_cannot_say_anything_nothing_is_decided(answer: Any, words: str) -> None:
+    world = World()
+
+    def tell(_place: str, _question: bytes) -> Mapping[str, Any]:
+        if isinstance(answer, Exception):
+            raise answer
+        return answer  # type: ignore[no-any-return]
+
+    world.loop._trials._ask = tell
+    world.propose()
+    world.live_until(BEGIN + 60.0)
+    assert world.decisions() == []
+    assert world.loop.words("hall").startswith(words)
+
+
+def test_words_say_what_learning_waits_for() -> None:
+    world = World()
+    assert "no tracks yet" in world.loop.words("hall")
+    world.loop.take(walk(1.0, BEGIN)[0])
+    assert "nobody with a phone" in world.loop.words("hall")
+    world.live_until(BEGIN + 100.0)
+    assert world.loop.words("hall") == "learns"
+
+
+def test_kinds_without_a_question_end_their_probation_at_once() -> None:
+    world = World()
+    world.walker.proposals = [Proposal("stride", "d-1", "hall", stride(), BEFORE, gain=1.0, margin=0.1)]
+    world.live_until(BEGIN + 30.0)
+    kind: ModelKind = "stride"
+    live = world.loop.store.active(kind, "d-1")
+    assert live is not None
+    assert not live.probation
+    assert isinstance(world.loop._trials._executor, Inline)

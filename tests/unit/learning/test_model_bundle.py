@@ -1,0 +1,194 @@
+"""Models as a document: what leaves, what comes in, what is refused and why."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from learning_models import TestLearner, area, lesson, power_of, radio, stride
+
+from services.learning.activation.bundle import BundleError, Renaming, pack, unpack
+from services.learning.activation.database import in_memory
+from services.learning.activation.gate import Gate
+from services.learning.activation.store import Decided, ModelStore
+from services.learning.commands import Commands
+from services.learning.loop import LearningLoop
+from shared.learning_command import LearningAnswer
+from shared.messages import DetectorSettings, Message, RadioModelUpdate
+from shared.site import Site, load_site
+
+POINTS = [f"ap-{number}" for number in range(1, 7)]
+AS_IT_IS = Renaming(as_site=False, areas={}, cameras={})
+HOW = Decided(50.0, 50.0, "wins", evidence={"readings": 700.0})
+
+
+@pytest.fixture(scope="module")
+def site(project: Path) -> Site:
+    return load_site(project / "deploy/sites/hall/site.yaml")
+
+
+@pytest.fixture
+def store() -> ModelStore:
+    store = ModelStore(in_memory())
+    store.activate(radio("hall", -41.0, "hall", POINTS), "radio", "hall", "hall", HOW)
+    settings = DetectorSettings(t=0.0, camera="hall-east", version=0, options={"threshold": 20.0})
+    store.activate(settings, "detector", "hall-east", "hall", HOW)
+    store.activate(stride("d-1"), "stride", "d-1", "hall", HOW)
+    store.refuse(radio("hall", -60.0, "hall", POINTS), "radio", "hall", "hall", HOW)
+    return store
+
+
+@pytest.fixture
+def document(store: ModelStore) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(pack(store.models(), "hall", 60.0, personal=False))
+    return found
+
+
+def refused(document: Any, site: Site, names: Renaming = AS_IT_IS) -> str:
+    with pytest.raises(BundleError) as error:
+        unpack(json.dumps(document).encode(), site, names)
+    return str(error.value)
+
+
+def test_what_is_live_goes_round_and_people_stay_at_home(store: ModelStore, site: Site) -> None:
+    public = unpack(pack(store.models(), "hall", 60.0, personal=False), site, AS_IT_IS)
+    assert [(one.kind, one.subject) for one in public] == [("detector", "hall-east"), ("radio", "hall")]
+    assert power_of(public[1].model) == -41.0
+    assert public[1].evidence == {"readings": 700.0}
+    assert public[1].reason == "from hall, version 1 there: wins"
+    whole = unpack(pack(store.models(), "hall", 60.0, personal=True), site, AS_IT_IS)
+    assert {one.kind for one in whole} == {"detector", "radio", "stride"}
+
+
+def test_a_second_museum_with_the_same_access_points_says_so_by_name(document: dict[str, Any], site: Site) -> None:
+    other = site.model_copy(update={"site": "second"})
+    assert "allowed: second, or another site's models taken for this one's (--as-site)" in refused(document, other)
+    taken = unpack(json.dumps(document).encode(), other, Renaming(as_site=True, areas={}, cameras={}))
+    model = taken[1].model
+    assert isinstance(model, RadioModelUpdate)
+    assert model.model is not None
+    assert model.model.site == "second"
+
+
+def test_a_camera_of_another_name_is_renamed_and_an_unknown_one_refused(document: dict[str, Any], site: Site) -> None:
+    for one in document["models"]:
+        if one["kind"] == "detector":
+            one["subject"] = one["model"]["camera"] = "door"
+    assert "found camera 'door'; allowed in area hall: hall-east (--camera OLD=NEW)" in refused(document, site)
+    wrong = Renaming(as_site=False, areas={}, cameras={"door": "attic"})
+    assert refused(document, site, wrong) == "cameras.door: found 'attic'; allowed: hall-east"
+    names = Renaming(as_site=False, areas={}, cameras={"door": "hall-east"})
+    taken = unpack(json.dumps(document).encode(), site, names)
+    assert isinstance(taken[0].model, DetectorSettings)
+    assert (taken[0].subject, taken[0].model.camera) == ("hall-east", "hall-east")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda d: d.update(format="atrium-models/2"),
+            "bundle.format: found 'atrium-models/2'; allowed: atrium-models/1",
+        ),
+        (lambda d: d.update(models=[]), "bundle.models: found none"),
+        (lambda d: d["models"].append(d["models"][0]), "bundle.models[2]: a second detector model of 'hall-east'"),
+        (lambda d: d["models"][1].update(area="attic"), "bundle.models[1].area: found 'attic'; allowed: hall"),
+        (
+            lambda d: d["models"][1].update(subject="x"),
+            "bundle.models[1].subject: found 'x'; allowed: that of its model",
+        ),
+        (lambda d: d["models"][1]["model"].pop("area"), "bundle.models[1].model: RadioModelUpdate"),
+        (lambda d: d["models"][1]["model"]["model"].update(access_points=["ap-9"] * 6), "other access points than"),
+        (lambda d: d["models"][1]["model"]["model"].update(site="x"), "model.site: found 'x'; allowed: that of the"),
+        (lambda d: d["models"][1].update(kind="weather"), "Invalid enum value 'weather'"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_place_and_value(
+    document: dict[str, Any], site: Site, change: Any, words: str
+) -> None:
+    change(document)
+    assert words in refused(document, site)
+
+
+class Museum:
+    """A loop, its orders, and what it sent."""
+
+    def __init__(self, site: Site, store: ModelStore | None = None) -> None:
+        self.sent: list[Message] = []
+        self.store = store or ModelStore(in_memory())
+        loop = LearningLoop(
+            {"hall": area()},
+            [lesson(TestLearner())],
+            Gate(),
+            self.store,
+            lambda *_: {"error": "busy"},
+            self.sent.append,
+        )
+        self.commands = Commands(loop, site)
+
+    def order(self, **fields: Any) -> LearningAnswer:
+        answer = self.commands.answer(msgspec.json.encode(fields), 100.0)
+        return msgspec.json.decode(answer, type=LearningAnswer)
+
+
+def test_an_import_waits_for_the_gate_unless_it_is_forced(store: ModelStore, site: Site) -> None:
+    bundle = Museum(site, store).order(do="export").bundle
+    here = Museum(site)
+    answer = here.order(do="import", bundle=bundle)
+    assert answer.done
+    assert "live once they win" in answer.words
+    assert here.sent == []
+    assert [one.state for one in here.store.models()] == ["imported", "imported"]
+    assert here.order(do="import", bundle=bundle, force=True).done
+    assert {type(one).__name__ for one in here.sent} == {"DetectorSettings", "RadioModelUpdate"}
+    assert {one.state for one in here.store.models()} == {"active"}
+
+
+def test_an_import_that_is_refused_stores_nothing(document: dict[str, Any], site: Site) -> None:
+    document["models"][1]["area"] = "attic"
+    here = Museum(site)
+    answer = here.order(do="import", bundle=document)
+    assert (answer.done, answer.field) == (False, "areas")
+    assert here.store.models() == []
+    assert here.store.history() == []
+
+
+@pytest.mark.parametrize(
+    ("fields", "field", "words"),
+    [
+        ({"do": "rollback"}, "kind", "kind: is missing"),
+        ({"do": "rollback", "kind": "radio"}, "subject", "subject: is missing"),
+        ({"do": "rollback", "kind": "radio", "subject": "attic"}, "subject", "allowed: hall"),
+        ({"do": "activate", "kind": "radio", "subject": "hall"}, "version", "version: is missing"),
+        ({"do": "activate", "kind": "radio", "subject": "hall", "version": 7}, "version", "found 7; allowed: 1, 2"),
+        ({"do": "activate", "kind": "radio", "subject": "hall", "version": 1}, "version", "is live already"),
+        ({"do": "map", "area": "attic"}, "area", "found 'attic'; allowed: hall"),
+        ({"do": "dance"}, None, "not understood"),
+        ({"do": "list", "colour": 1}, None, "not understood"),
+    ],
+)
+def test_an_order_that_cannot_be_carried_out_names_what_is_allowed(
+    store: ModelStore, site: Site, fields: dict[str, Any], field: str | None, words: str
+) -> None:
+    here = Museum(site, store)
+    answer = here.order(**fields)
+    assert not answer.done
+    assert answer.field == field
+    assert words in answer.words
+    assert here.sent == []
+
+
+def test_a_frozen_museum_says_so_and_a_refused_model_can_be_made_live_by_hand(store: ModelStore, site: Site) -> None:
+    here = Museum(site, store)
+    assert here.order(do="freeze").done
+    assert here.order(do="list").words == "4 models, 3 of them live; activation is frozen"
+    answer = here.order(do="activate", kind="radio", subject="hall", version=2, by="staff")
+    assert answer.done
+    assert power_of(here.sent[0]) == -60.0
+    assert here.store.history()[0].reason == "activated by hand, untried (staff)"
+    back = here.order(do="rollback", kind="radio", subject="hall")
+    assert back.version is not None
+    assert power_of(here.sent[1]) == -41.0
+    assert here.order(do="unfreeze").done
+    assert here.order(do="map", area="hall", map="visits").words == "no such map is learned here yet"
