@@ -27,7 +27,8 @@ class GateSettings:
 
     Attributes:
         least_gain: what is less is not worth a change.
-        errors: standard errors by which the gain must be above nought.
+        at_once: standard errors by which the gain must be above nought on one stretch of held-out time alone …
+        errors: … and over two or more: what wins twice is less likely chance.
         hopeless: standard errors above nought below which no further time is waited for.
         looks: stretches of held-out time on which a candidate that is better, but not surely, is tried at most.
         least_scans: withheld scans without which nothing is decided.
@@ -41,9 +42,10 @@ class GateSettings:
     """
 
     least_gain: float = 0.003
+    at_once: float = 3.0
     errors: float = 2.0
     hopeless: float = 0.0
-    looks: int = 4
+    looks: int = 6
     least_scans: int = 60
     least_seconds: float = 90.0
     alone: float = 2.0
@@ -116,7 +118,8 @@ class Gate:
         spread = trial.spread
         if spread is None:
             return Ruling("refuse", "one phone alone was heard, and nothing tells how sure its gain is", trial.gain)
-        margin = stricter * max(wanted.least_gain, wanted.errors * spread)
+        errors = wanted.at_once if looks < 2 else wanted.errors
+        margin = stricter * max(wanted.least_gain, errors * spread)
         fault = self._fault(trial, margin, witnesses)
         gain = trial.gain or 0.0
         if fault and wanted.hopeless * spread < gain <= margin and looks < wanted.looks:

@@ -72,6 +72,9 @@ def test_what_is_better_but_not_surely_is_tried_on_more_time_and_then_decided() 
     assert outcome(unsure)[0] == "more"
     assert outcome(unsure, unsure)[0] == "more"
     assert outcome(unsure, unsure, unsure)[0] == "activate"  # 0.005 against 2 * 0.004 / sqrt 3
+    once = trial([0.011, 0.009, 0.01], error=0.004)
+    assert outcome(once)[0] == "more"  # 2.5 standard errors are not enough for one look
+    assert outcome(once, once)[0] == "activate"
     assert outcome(*[trial([0.0021, 0.002], error=0.004)] * WANTED.looks)[0] == "refuse"
 
 
