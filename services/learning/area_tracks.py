@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping
-from typing import Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from shared.erased import Erased
 from shared.learning_report import TrackLessons
 from shared.messages import DetectionFrame, Message, MotionBatch, RadioScan, Revision, TrackFrame
 
-__all__ = ["AreaTracks", "Judge", "Sight"]
+__all__ = ["AreaTracks", "Forgetting", "Judge", "Keeping", "Sight"]
 
 REMEMBERED = 500
 """Verdicts the report counts."""
@@ -34,6 +34,32 @@ class Sight(Protocol):
 
     def score(self, frame: TrackFrame) -> Mapping[int, float]:
         """Return the nats by which cameras spoke for each track of a frame since the frame before."""
+        ...
+
+
+@runtime_checkable
+class Forgetting(Protocol):
+    """A judge or sight that knows phones one by one; none has to."""
+
+    def forget(self, device: str) -> None:
+        """Forget a phone whose owner withdrew consent."""
+        ...
+
+
+@runtime_checkable
+class Keeping(Protocol):
+    """A judge that knows something worth keeping over a restart; none has to."""
+
+    def state(self) -> dict[str, Any]:
+        """Return all it knows, as what ``msgspec.json`` encodes."""
+        ...
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from ``state()``.
+
+        Raises:
+            ValueError: it is no such state.
+        """
         ...
 
 
@@ -101,6 +127,22 @@ class AreaTracks:
     def forget(self, device: str) -> None:
         """Forget a device whose owner withdrew consent."""
         self._assembler.forget(device)
+        for part in (self._judge, self._sight):
+            if isinstance(part, Forgetting):
+                part.forget(device)
+
+    def state(self) -> dict[str, Any]:
+        """Return what its judge knows, for a restart; empty where that keeps nothing."""
+        return self._judge.state() if isinstance(self._judge, Keeping) else {}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from ``state()``.
+
+        Raises:
+            ValueError: it is no such state.
+        """
+        if isinstance(self._judge, Keeping) and state:
+            self._judge.restore(state)
 
     def tell(self, draft: ReportDraft) -> None:
         """Add to the report how many stretches were good, and why the others were not."""

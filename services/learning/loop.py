@@ -20,7 +20,7 @@ from services.learning.activation.questions import question_of
 from services.learning.activation.store import Decided, ModelStore, StoredModel
 from services.learning.area_tracks import AreaTracks
 from services.learning.lesson import Lesson, Watching
-from services.learning.proposal import Proposal
+from services.learning.proposal import Learner, Proposal
 from services.learning.report_draft import ReportDraft, Telling
 from services.learning.trials import Ask, Candidate, Inline, Key, Pace, Trials, key_of
 from shared.erased import Erased
@@ -66,6 +66,7 @@ class LearningLoop:
         self.areas = areas
         self.lessons = lessons
         self.store = store
+        self._learners = {lesson.name: lesson.learner for lesson in lessons}
         self._gate = gate
         self._publish = publish
         self._pace = pace or Pace()
@@ -79,13 +80,13 @@ class LearningLoop:
     def begin(self) -> None:
         """Go on from what was stored: learners know what they knew, live models are published again."""
         states = self.store.states()
-        for lesson in self.lessons:
-            if lesson.name not in states:
+        for name, part in self._kept().items():
+            if name not in states:
                 continue
             try:
-                lesson.learner.restore(msgspec.json.decode(states[lesson.name]))
+                part.restore(msgspec.json.decode(states[name]))
             except ValueError as error:
-                log.warning("a learner begins anew", learner=lesson.name, reason=str(error))
+                log.warning("what was learned is not understood, it begins anew", part=name, reason=str(error))
         for model in self.store.all_active():
             self._go_live(model)
         for said in reversed(self.store.history()):
@@ -136,8 +137,13 @@ class LearningLoop:
 
     def save(self, now: float) -> None:
         """Save what the learners know."""
-        self.store.save_states({one.name: msgspec.json.encode(one.learner.state()) for one in self.lessons}, now)
+        states = {name: msgspec.json.encode(part.state()) for name, part in self._kept().items()}
+        self.store.save_states(states, now)
         self._saved = now
+
+    def _kept(self) -> dict[str, Learner | AreaTracks]:
+        """Return by name all that knows something worth keeping."""
+        return {**{f"tracks/{name}": area for name, area in self.areas.items()}, **self._learners}
 
     def _begin_trial(self, now: float) -> None:
         if self._begin_probation(now) or self._begin_imported(now) or self._trials.go_on(now):
@@ -174,10 +180,8 @@ class LearningLoop:
 
     def _begin_probation(self, now: float) -> bool:
         """Have what a live model replaced tried against it, on what was measured since."""
-        for model in self.store.all_active():
+        for model in self.store.on_probation():
             key = model.kind, model.subject
-            if not model.probation:
-                continue
             former = self.store.before(model)
             question = question_of(former)
             ripe = self._sensor_time(model.area, now) >= model.since + self._pace.held_out
@@ -191,10 +195,10 @@ class LearningLoop:
 
     def _begin_imported(self, now: float) -> bool:
         """Have an imported model tried on the last minutes, none of which taught it."""
-        for model in self.store.models():
+        for model in self.store.imported():
             key = model.kind, model.subject
             question = question_of(model.model)
-            if model.state != "imported" or question is None or not self._trials.may_begin(key, now):
+            if question is None or not self._trials.may_begin(key, now):
                 continue
             since = self._sensor_time(model.area, now) - self._pace.held_out
             proposal = Proposal(*key, model.area, model.model, since, question, evidence=model.evidence)

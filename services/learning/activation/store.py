@@ -113,7 +113,15 @@ class ModelStore:
 
     def all_active(self) -> list[StoredModel]:
         """Return all live models; a row that cannot be read any more is left out."""
-        return [model for model in self.models() if model.state == "active"]
+        return self._read(ModelRow.state == "active")
+
+    def on_probation(self) -> list[StoredModel]:
+        """Return the live models that are still to be held against those they replaced."""
+        return self._read(ModelRow.probation)
+
+    def imported(self) -> list[StoredModel]:
+        """Return the models from elsewhere that wait to be tried."""
+        return self._read(ModelRow.state == "imported")
 
     def get(self, kind: ModelKind, subject: str, version: int) -> StoredModel:
         """Return one model.
@@ -130,10 +138,7 @@ class ModelStore:
 
     def models(self) -> list[StoredModel]:
         """Return all models, by kind and subject, newest first."""
-        order = (ModelRow.kind, ModelRow.subject, ModelRow.version.desc())
-        with Session(self._engine) as session:
-            rows = session.scalars(select(ModelRow).order_by(*order)).all()
-            return [model for row in rows if (model := _stored(row)) is not None]
+        return self._read()
 
     def before(self, model: StoredModel) -> Message:
         """Return the model that ``model`` replaced; as configured where there was none, or it is gone."""
@@ -292,6 +297,12 @@ class ModelStore:
         with Session(self._engine) as session, session.begin():
             session.execute(delete(ModelRow).where(ModelRow.kind.in_(PERSONAL), ModelRow.subject == device))
             session.execute(delete(DecisionRow).where(DecisionRow.kind.in_(PERSONAL), DecisionRow.subject == device))
+
+    def _read(self, *which: Any) -> list[StoredModel]:
+        order = (ModelRow.kind, ModelRow.subject, ModelRow.version.desc())
+        with Session(self._engine) as session:
+            rows = session.scalars(select(ModelRow).where(*which).order_by(*order)).all()
+            return [model for row in rows if (model := _stored(row)) is not None]
 
     def _versions(self, kind: ModelKind, subject: str) -> str:
         with Session(self._engine) as session:

@@ -6,14 +6,18 @@ from typing import Any
 
 import msgspec
 import pytest
-from learning_models import TestLearner, area, lesson, power_of, radio, stride, walk
+from learning_models import POINTS, TestLearner, area, lesson, power_of, radio, stride, walk
 from sqlalchemy import Engine
 
 from services.learning.activation.database import in_memory
 from services.learning.activation.gate import Gate
 from services.learning.activation.store import Decided, ModelStore
+from services.learning.area_tracks import AreaTracks
 from services.learning.loop import LearningLoop
 from services.learning.proposal import Proposal
+from services.learning.tracks.assembler import StretchAssembler
+from services.learning.tracks.stretch import Stretch
+from services.learning.tracks.verdict import Verdict
 from services.learning.trials import Inline, Pace
 from shared.learning_report import ModelKind
 from shared.messages import Erasure, Message, RadioModelUpdate, RadioScan
@@ -307,3 +311,41 @@ def test_kinds_without_a_question_end_their_probation_at_once() -> None:
     assert live is not None
     assert not live.probation
     assert isinstance(world.loop._trials._executor, Inline)
+
+
+class Strict:
+    """A judge that knows phones, and keeps what it knows."""
+
+    def __init__(self) -> None:
+        self.seen: dict[str, int] = {}
+
+    def __call__(self, stretch: Stretch) -> Verdict:
+        self.seen[stretch.device] = self.seen.get(stretch.device, 0) + 1
+        return Verdict(1.0, 0.1, False, "not sure")
+
+    def forget(self, device: str) -> None:
+        self.seen.pop(device, None)
+
+    def state(self) -> dict[str, Any]:
+        return dict(self.seen)
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        self.seen = dict(state)
+
+
+def test_a_judge_that_keeps_something_is_restored_and_forgets_too() -> None:
+    engine = in_memory()
+    judges = []
+    for _ in range(2):
+        judge = Strict()
+        world = World(engine)
+        world.loop.areas = {"hall": AreaTracks("hall", ["door"], StretchAssembler(POINTS), judge)}
+        world.loop.begin()
+        judges.append(dict(judge.seen))
+        world.live_until(BEGIN + 100.0)
+        world.loop.save(BEGIN + 100.0)
+    assert judges == [{}, {"d-1": 1}]
+    assert world.learner.learned == []
+    assert world.loop.report(BEGIN).areas[0].tracks.refused == {"not sure": 1}
+    world.loop.take(Erasure(t=0.0, device="d-1"))
+    assert judge.seen == {}

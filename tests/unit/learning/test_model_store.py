@@ -7,7 +7,10 @@ import pytest
 from learning_models import power_of, radio, stride
 from sqlalchemy import Engine, event, inspect
 from sqlalchemy.orm import Session
+from typer.testing import CliRunner
 
+from services.cli.main import app
+from services.gateway.devices.database import schema_problem as gateway_problem
 from services.learning.activation.database import SCHEMA, in_memory, migrate, open_learning
 from services.learning.activation.store import KEPT_MODELS, Decided, ModelStore, NoSuchModelError
 from services.learning.activation.tables import Base, ModelRow
@@ -161,3 +164,18 @@ def test_an_experiment_keeps_its_models_in_memory() -> None:
     store = ModelStore(in_memory())
     assert activate(store, -40.0) == 1
     assert [one.version for one in store.all_active()] == [1]
+
+
+def test_the_command_migrates_both_services_databases_and_may_do_so_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ATRIUM_DATABASE_URL", f"sqlite:///{tmp_path / 'one.db'}")
+    monkeypatch.delenv("ATRIUM_LEARNING_DATABASE_URL", raising=False)
+    for _ in range(2):
+        done = CliRunner().invoke(app, ["migrate"])
+        assert done.exit_code == 0, done.output
+    engine = open_learning(f"sqlite:///{tmp_path / 'one.db'}")
+    assert (SCHEMA.problem(engine), gateway_problem(engine)) == (None, None)
+    monkeypatch.setenv("ATRIUM_LEARNING_DATABASE_URL", f"sqlite:///{tmp_path / 'two.db'}")
+    assert CliRunner().invoke(app, ["migrate"]).exit_code == 0
+    assert SCHEMA.problem(open_learning(f"sqlite:///{tmp_path / 'two.db'}")) is None
