@@ -17,7 +17,7 @@ from shared.erased import Erased
 from shared.learning_report import TrackLessons
 from shared.messages import DetectionFrame, Message, MotionBatch, RadioScan, Revision, TrackFrame
 
-__all__ = ["AreaTracks", "Forgetting", "Judge", "Keeping", "Sight"]
+__all__ = ["AreaTracks", "Following", "Forgetting", "Judge", "Keeping", "Sight"]
 
 REMEMBERED = 500
 """Verdicts the report counts."""
@@ -43,6 +43,15 @@ class Forgetting(Protocol):
 
     def forget(self, device: str) -> None:
         """Forget a phone whose owner withdrew consent."""
+        ...
+
+
+@runtime_checkable
+class Following(Protocol):
+    """A judge that judges under the live radio model; none has to."""
+
+    def activated(self, model: Message) -> None:
+        """A radio model of the area went live."""
         ...
 
 
@@ -130,6 +139,11 @@ class AreaTracks:
         for part in (self._judge, self._sight):
             if isinstance(part, Forgetting):
                 part.forget(device)
+
+    def activated(self, model: Message) -> None:
+        """Judge under a radio model of this area from now on."""
+        if isinstance(self._judge, Following):
+            self._judge.activated(model)
 
     def state(self) -> dict[str, Any]:
         """Return what its judge knows, for a restart; empty where that keeps nothing."""

@@ -6,16 +6,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from services.learning.area_judge import AreaJudge, AreaSight
 from services.learning.area_tracks import AreaTracks
 from services.learning.lesson import Lesson
+from services.learning.maps.maps_learner import MapsLearner
 from services.learning.tracks.assembler import StretchAssembler
-from services.learning.tracks.stretch import Stretch
-from services.learning.tracks.verdict import Verdict
+from services.learning.walking.heading_lessons import HeadingLessons
+from services.learning.walking.stride_lessons import StrideLessons
 from shared.site import Site
 
 __all__ = ["Tools", "areas_of", "lessons_of"]
-
-LEAST_PROBABILITY = 0.8
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,18 @@ def areas_of(site: Site, areas: Sequence[str]) -> dict[str, AreaTracks]:
 
 
 def lessons_of(site: Site, areas: Sequence[str], tools: Tools) -> list[Lesson]:
-    """Return all learners, each in its place."""
-    return []
+    """Return all learners, each in its place; phones' own are learned in all areas by one learner."""
+    everywhere = frozenset(areas)
+    lessons = [
+        Lesson("stride", StrideLessons(areas[0]), everywhere),
+        Lesson("heading", HeadingLessons(areas[0]), everywhere),
+    ]
+    lessons += [Lesson(f"maps/{area}", MapsLearner(site, area), frozenset({area})) for area in areas]
+    return lessons
 
 
 def _tracks_of(site: Site, area: str) -> AreaTracks:
     floor = site.area(area).floor
     points = [point.id for point in site.access_points if point.floor == floor]
     cameras = [camera.id for camera in site.cameras_of(area)]
-    return AreaTracks(area, cameras, StretchAssembler(points), _probable)
-
-
-def _probable(stretch: Stretch) -> Verdict:
-    sure = float(stretch.probability.mean())
-    good = sure >= LEAST_PROBABILITY
-    return Verdict(printed=0.0, rate=0.0, good=good, reason="" if good else "fusion is not sure of the name")
+    return AreaTracks(area, cameras, StretchAssembler(points), AreaJudge(site, area), AreaSight(site, area))

@@ -79,6 +79,8 @@ class LearningLoop:
 
     def begin(self) -> None:
         """Go on from what was stored: learners know what they knew, live models are published again."""
+        for model in self.store.all_active():
+            self._judge_under(model)  # before what was known is restored: it was known under this model
         states = self.store.states()
         for name, part in self._kept().items():
             if name not in states:
@@ -153,7 +155,7 @@ class LearningLoop:
         self._proposed = now
         asking: list[Proposal] = []
         for proposal in self._proposals(now):
-            if proposal.question:
+            if proposal.question and proposal.gain is None:
                 asking.append(proposal)
             else:
                 self._rule(Candidate(proposal), self._gate.of_its_own(proposal), now)
@@ -277,8 +279,13 @@ class LearningLoop:
         self._go_live(live)
         return live
 
+    def _judge_under(self, model: StoredModel) -> None:
+        if model.kind == "radio" and model.area in self.areas:
+            self.areas[model.area].activated(model.model)
+
     def _go_live(self, model: StoredModel) -> None:
         self._publish(model.model)
+        self._judge_under(model)
         for lesson in self.lessons:
             if lesson.learner.kind == model.kind and model.area in lesson.areas:
                 lesson.learner.activated(model.model)

@@ -50,7 +50,10 @@ class Proposal:
 class Learner(Protocol):
     """Learns one kind of model of one area from good stretches."""
 
-    kind: ModelKind
+    @property
+    def kind(self) -> ModelKind:
+        """Which kind of model it learns."""
+        ...
 
     def learn(self, stretch: Stretch) -> None:
         """Take in a stretch that may teach; stretches of one device come in order of time."""

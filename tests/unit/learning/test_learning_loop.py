@@ -227,7 +227,9 @@ def test_who_withdraws_is_forgotten_everywhere_at_once() -> None:
 
 def test_a_phones_own_model_that_its_learner_scored_needs_no_fusion() -> None:
     world = World()
-    world.walker.proposals = [Proposal("stride", "d-1", "hall", stride(), BEFORE, gain=0.2, margin=0.3)]
+    world.walker.proposals = [
+        Proposal("stride", "d-1", "hall", stride(), BEFORE, b'{"kind":"stride"}', gain=0.2, margin=0.3)
+    ]
     world.live_until(BEGIN + 30.0)
     assert world.asked == []
     assert set(world.decisions()) == {"refused"}

@@ -1,0 +1,71 @@
+"""The learners of a site in their places: each kept under a name of its own, judged under the live radio model."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+from learning_models import radio, walk
+
+from services.learning.activation.database import in_memory
+from services.learning.activation.gate import Gate
+from services.learning.activation.store import Decided, ModelStore
+from services.learning.learners import Tools, areas_of, lessons_of
+from services.learning.loop import LearningLoop
+from shared.erased import Erased
+from shared.messages import Message, RadioModelUpdate
+from shared.site import Site, load_site
+
+POINTS = [f"ap-{number}" for number in range(1, 7)]
+NOBODY = Tools(lambda *_: {"error": "camera away"}, lambda *_: {"error": "fusion of area hall away"})
+
+
+@pytest.fixture(scope="module")
+def site(project: Path) -> Site:
+    return load_site(project / "deploy/sites/hall/site.yaml")
+
+
+def loop_of(site: Site, store: ModelStore, sent: list[Message]) -> LearningLoop:
+    lessons = lessons_of(site, ["hall"], NOBODY)
+    return LearningLoop(areas_of(site, ["hall"]), lessons, Gate(), store, NOBODY.rescore, sent.append)
+
+
+def test_every_learner_is_kept_under_a_name_of_its_own_and_goes_on_after_a_restart(site: Site) -> None:
+    store = ModelStore(in_memory())
+    loop = loop_of(site, store, [])
+    names = [lesson.name for lesson in loop.lessons]
+    assert len(set(names)) == len(names) > 0
+    for frame in walk(100.0, 1000.0):
+        loop.take(frame)
+    loop.look(1100.0)
+    loop.save(1100.0)
+    again = loop_of(site, store, [])
+    again.begin()
+    assert store.states() == {name: msgspec.json.encode(part.state()) for name, part in again._kept().items()}
+
+
+def test_stretches_are_judged_under_the_model_that_is_live(site: Site) -> None:
+    store = ModelStore(in_memory())
+    store.activate(radio("hall", -33.0, "hall", POINTS), "radio", "hall", "hall", Decided(1.0, 1.0, "wins"))
+    sent: list[Message] = []
+    loop = loop_of(site, store, sent)
+    loop.begin()
+    judge = loop.areas["hall"]._judge
+    assert judge._radio.power_1m.tolist() == [-33.0] * 6  # type: ignore[attr-defined]
+    loop.roll_back("radio", "hall", 2.0, "by hand")
+    assert judge._radio is judge._filed  # type: ignore[attr-defined]
+    assert [one.version for one in sent if isinstance(one, RadioModelUpdate)] == [1, 2]
+
+
+def test_the_report_tells_why_stretches_do_not_teach(site: Site) -> None:
+    area = areas_of(site, ["hall"])["hall"]
+    for frame in walk(30.0, 1000.0):
+        area.take(frame, Erased())
+    for frame in walk(30.0, 1040.0, device="d-2"):
+        area.take(frame, Erased())
+    assert area.close() == []
+    loop = loop_of(site, ModelStore(in_memory()), [])
+    loop.areas = {"hall": area}
+    told = loop.report(2000.0).areas[0].tracks
+    assert told.good == 0
+    assert sum(told.refused.values()) >= 1
+    assert all(told.refused)
