@@ -10,8 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from typing import Any
 
 import msgspec
+import numpy as np
 import structlog
 
 from services.learning.activation.gate import Gate, Ruling
@@ -139,7 +141,7 @@ class LearningLoop:
 
     def save(self, now: float) -> None:
         """Save what the learners know."""
-        states = {name: msgspec.json.encode(part.state()) for name, part in self._kept().items()}
+        states = {name: msgspec.json.encode(part.state(), enc_hook=_plain) for name, part in self._kept().items()}
         self.store.save_states(states, now)
         self._saved = now
 
@@ -320,3 +322,10 @@ class LearningLoop:
     def _sensor_time(self, area: str, now: float) -> float:
         known = self.areas.get(area)
         return now if known is None or not math.isfinite(known.t) else known.t
+
+
+def _plain(value: Any) -> Any:
+    """Return a number or an array of NumPy's, which slip into states, as JSON can hold it."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise NotImplementedError(f"a state holds {type(value).__name__}; allowed: what JSON can hold")

@@ -10,7 +10,7 @@ from services.learning.activation.database import in_memory
 from services.learning.activation.gate import Gate
 from services.learning.activation.store import Decided, ModelStore
 from services.learning.learners import Tools, areas_of, lessons_of
-from services.learning.loop import LearningLoop
+from services.learning.loop import LearningLoop, _plain
 from shared.erased import Erased
 from shared.messages import Message, RadioModelUpdate
 from shared.site import Site, load_site
@@ -40,7 +40,9 @@ def test_every_learner_is_kept_under_a_name_of_its_own_and_goes_on_after_a_resta
     loop.save(1100.0)
     again = loop_of(site, store, [])
     again.begin()
-    assert store.states() == {name: msgspec.json.encode(part.state()) for name, part in again._kept().items()}
+    assert store.states() == {
+        name: msgspec.json.encode(part.state(), enc_hook=_plain) for name, part in again._kept().items()
+    }
 
 
 def test_stretches_are_judged_under_the_model_that_is_live(site: Site) -> None:

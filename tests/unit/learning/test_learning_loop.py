@@ -5,6 +5,7 @@ from concurrent.futures import Executor, Future
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 from learning_models import POINTS, TestLearner, area, lesson, power_of, radio, stride, walk
 from sqlalchemy import Engine
@@ -351,3 +352,10 @@ def test_a_judge_that_keeps_something_is_restored_and_forgets_too() -> None:
     assert world.loop.report(BEGIN).areas[0].tracks.refused == {"not sure": 1}
     world.loop.take(Erasure(t=0.0, device="d-1"))
     assert judge.seen == {}
+
+
+def test_numbers_of_numpy_in_a_state_are_saved_like_any_other() -> None:
+    world = World()
+    world.learner.known = {"rate": np.float64(0.5), "row": np.arange(2)}
+    world.loop.save(BEGIN)
+    assert world.loop.store.states()["test-radio"] == b'{"rate":0.5,"row":[0,1]}'
