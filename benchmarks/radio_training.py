@@ -77,7 +77,7 @@ def learn_from_run(
 def _readings(
     run: FusionRun, device: str, scans: Sequence[RadioScan], column: Mapping[str, int], number: int
 ) -> list[Array]:
-    """Return rows (device, access point, level, t, x, y, spread, share, track) of a device's readings on sure tracks."""
+    """Return rows (device, access point, level, t, x, y, spread, share, track) of readings on sure tracks."""
     if not scans:
         return []
     t = np.array([scan.t for scan in scans])

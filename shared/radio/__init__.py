@@ -1,6 +1,7 @@
 """How strong should this access point be heard there, and how likely is what was heard: path loss and shadowing."""
 
 from shared.radio.likelihood import RadioNoise, log_likelihood
+from shared.radio.locating import Whereabouts, locate_access_point
 from shared.radio.path_loss import PathLoss
 from shared.radio.radio_fit import RadioFit, Visits, fit_radio, gather_visits
 from shared.radio.radio_learning import RadioLearner, RadioPrior, device_offsets, novelty
@@ -25,9 +26,11 @@ __all__ = [
     "RadioPrior",
     "ShadowingMap",
     "Visits",
+    "Whereabouts",
     "device_offsets",
     "fit_radio",
     "gather_visits",
+    "locate_access_point",
     "log_likelihood",
     "novelty",
     "pack_radio_model",

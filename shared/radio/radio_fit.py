@@ -1,4 +1,4 @@
-"""What do readings at known places say of a site's radio? Constants, map, phones' offsets, and how much to believe them.
+"""What do readings at known places say of a site's radio? Constants, map, phones' offsets, and how sure they are.
 
 Readings are averaged over visits beforehand: one phone, one access point, one square metre, one passage. What all
 readings of a visit have in common (how the carrier faces, a wrong name) is as large as visits to one spot disagree.
@@ -107,7 +107,7 @@ def gather_visits(
     key = np.column_stack([device, passage, point, np.floor(place / SPOT).astype(np.int64)])
     _, first, visit = np.unique(key, axis=0, return_index=True, return_inverse=True)
     visit = visit.ravel()
-    total = np.bincount(visit, weight, len(first))
+    total: Array = np.asarray(np.bincount(visit, weight, len(first)), np.float64)
 
     def mean(values: Array) -> Array:
         means: Array = np.bincount(visit, weight * values, len(first)) / total

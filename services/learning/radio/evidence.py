@@ -7,7 +7,6 @@ takes its visits along.
 from __future__ import annotations
 
 import base64
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,0 +1,154 @@
+"""Does an access point read otherwise than it did? A likelihood ratio of the last minutes against what was learned before.
+
+Readings share errors: with their visit, with the map about the place, with the phone. So they are averaged over blocks
+of the floor before they are weighed, a block's error is at least the map's, and what one phone alone tells is not
+believed where others could have told it too: it may be the phone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.radio import Visits
+
+__all__ = ["Shift", "find_shifts"]
+
+Array = NDArray[np.float64]
+
+BLOCK = 3.0
+"""Metres: about as far as shadowing and the way somebody faces last."""
+ONSETS = (60.0, 90.0, 120.0, 180.0, 240.0, 300.0)
+"""Seconds ago at which something may have changed."""
+SIZES = np.array([size for step in range(3, 22) for size in (float(step), -float(step))])
+"""dB by which it may read otherwise."""
+FREE = 2.0
+"""Nats that it costs each block to be in the lee of something or not."""
+ENOUGH = 9.0
+"""Nats; learned from worlds in which nothing changed."""
+AGREED = 5.0
+"""Nats that remain without the phone that says most."""
+KNOWN = 12.0
+"""dB²; where what was foretold is less sure, nothing can be told to have changed."""
+CHUNK = 30.0
+"""Seconds for which a phone's readings are judged together."""
+WHOLE = 0.7
+"""Share of blocks from which it is the access point that changed and not something on the way."""
+
+
+@dataclass(frozen=True)
+class Shift:
+    """An access point reads otherwise.
+
+    Attributes:
+        point: which.
+        by: dB.
+        since: seconds since the epoch, roughly.
+        nats: for it.
+        places: (k, 2) middles of the blocks where it does, metres.
+        whole: whether that is nearly everywhere.
+        phones: how many say so.
+    """
+
+    point: int
+    by: float
+    since: float
+    nats: float
+    places: Array
+    whole: bool
+    phones: int
+    rest: float
+
+
+def find_shifts(visits: Visits, error: Array, unknown: Array, shared: float, now: float) -> list[Shift]:
+    """Return the access points that read otherwise, at most one shift each.
+
+    Args:
+        visits: n of the last minutes, none of which taught what ``error`` is about.
+        error: (n,) heard − foretold, the phone's offset taken off, dB.
+        unknown: (n,) variance of what was foretold, dB².
+        shared: standard deviation of what a visit's readings have in common, dB.
+        now: seconds since the epoch.
+    """
+    found = []
+    known = unknown < KNOWN
+    visits, error, unknown = visits.where(known), error[known], unknown[known]
+    unknown = unknown + _mistrust(visits, error, unknown + shared**2 + 1.0 / visits.weight)
+    for point in np.unique(visits.point).tolist():
+        shifts = [
+            shift
+            for onset in ONSETS
+            if (shift := _shift(visits, error, unknown, shared, point, now - onset)) is not None
+        ]
+        if shifts:
+            found.append(max(shifts, key=lambda shift: shift.nats))
+    return found
+
+
+def _mistrust(visits: Visits, error: Array, variance: Array) -> Array:
+    """Return the variance, (n,) dB², to add where a phone's readings of most access points fit badly for a while.
+
+    Then it is not an access point that changed: the name was wrong, or the phone lies.
+    """
+    chunk = np.unique(np.column_stack([visits.device, visits.t // CHUNK]), axis=0, return_inverse=True)[1].ravel()
+    more = np.zeros(len(error))
+    for one in range(int(chunk.max(initial=-1)) + 1):
+        mine = np.flatnonzero(chunk == one)
+        usual = float(np.median(variance[mine]))
+        more[mine] = max(float(np.median(error[mine] ** 2)) / 0.455 - usual, 0.0)
+    return more
+
+
+def _shift(visits: Visits, error: Array, unknown: Array, shared: float, point: int, since: float) -> Shift | None:
+    mine = (visits.point == point) & (visits.t > since)
+    if mine.sum() < 6:
+        return None
+    blocks = np.floor(visits.place[mine] / BLOCK).astype(np.int64)
+    device = visits.device[mine]
+    _, pair = np.unique(np.column_stack([blocks, device]), axis=0, return_inverse=True)
+    pair = pair.ravel()
+    first = np.unique(pair, return_index=True)[1]
+    own = visits.weight[mine]
+    total = np.bincount(pair, own)
+    off = np.bincount(pair, own * error[mine]) / total
+    map_variance = np.bincount(pair, own * unknown[mine]) / total
+    alone = 1.0 / total + shared**2
+    who, where = device[first], blocks[first]
+    _, block = np.unique(where, axis=0, return_inverse=True)
+    block = block.ravel()
+    best = _best(off, alone, map_variance, block)
+    if best is None or best[0] < ENOUGH:
+        return None
+    nats, size, chosen = best
+    hit = chosen[block]
+    phones = np.unique(who)
+    gains = {
+        phone: float(((off * size - 0.5 * size**2) / (alone + map_variance))[hit & (who == phone)].sum())
+        for phone in phones.tolist()
+    }
+    loudest = max(gains, key=lambda phone: gains[phone])
+    others = hit & (who != loudest)
+    rest = sum(gain for phone, gain in gains.items() if phone != loudest)
+    if not others.any() or rest < AGREED:
+        return None
+    middles = (np.unique(where[hit], axis=0) + 0.5) * BLOCK
+    by = float(np.sum(off[hit] / (alone + map_variance)[hit]) / np.sum(1.0 / (alone + map_variance)[hit]))
+    agreeing = sum(gain > 1.0 for gain in gains.values())
+    return Shift(point, by, since, nats, middles, bool(chosen.mean() >= WHOLE), agreeing, rest)
+
+
+def _best(off: Array, alone: Array, map_variance: Array, block: NDArray[np.int64]) -> tuple[float, float, Array] | None:
+    """Return nats, dB and which blocks (b,) of the shift that explains most."""
+    precision = np.bincount(block, 1.0 / alone)
+    level = np.bincount(block, off / alone) / precision
+    variance = 1.0 / precision + np.bincount(block, map_variance) / np.bincount(block)
+    nats = (level[None] * SIZES[:, None] - 0.5 * SIZES[:, None] ** 2) / variance[None]
+    everywhere, somewhere = nats.sum(axis=1), np.maximum(nats - FREE, 0.0).sum(axis=1)
+    total = np.maximum(everywhere, somewhere)
+    row = int(np.argmax(total))
+    chosen = nats[row] > (FREE if somewhere[row] > everywhere[row] else 0.0)
+    if not chosen.any():
+        return None
+    return float(total[row]), float(SIZES[row]), chosen

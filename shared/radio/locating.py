@@ -1,0 +1,116 @@
+"""Where does an access point hang? From what was heard of it at known places: the posterior over a grid of positions.
+
+At each candidate position power and exponent are marginalised, shadowing counts as noise that neighbours share: so the
+spread of the posterior is what readings really tell, and two walks along one line leave two places, one on each side.
+The height is taken as known, for people's phones are all at one height and tell little of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+
+from shared.radio.path_loss import DEVICE_HEIGHT, NEAREST
+from shared.radio.radio_learning import RadioPrior
+
+__all__ = ["Whereabouts", "locate_access_point"]
+
+Array = NDArray[np.float64]
+
+MOST_MEANS = 500
+"""Into which readings are averaged; more get larger cells."""
+MOST_CANDIDATES = 4000
+POWER, EXPONENT = 8.0, 0.4
+"""dB, and of the exponent: how far an access point may send otherwise than the first guess."""
+
+
+@dataclass(frozen=True)
+class Whereabouts:
+    """What readings tell of a position.
+
+    Attributes:
+        place: (2,) mean of the posterior, metres.
+        covariance: (2, 2) m².
+        gain: nats by which the best place explains the readings better than the one asked about.
+    """
+
+    place: Array
+    covariance: Array
+    gain: float
+
+    @property
+    def error(self) -> float:
+        """Standard deviation, metres, in the worse direction."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance)[-1]))
+
+
+def locate_access_point(
+    places: Array,
+    level: Array,
+    weight: Array,
+    lower: Array,
+    upper: Array,
+    *,
+    height: float,
+    power: float,
+    exponent: float,
+    asked: Array,
+    prior: RadioPrior | None = None,
+) -> Whereabouts:
+    """Return where an access point hangs.
+
+    Args:
+        places: (n, 2) metres, n > 0.
+        level: (n,) heard there, phones' offsets taken off, dBm.
+        weight: (n,) inverse variance of each beyond shadowing, dB⁻².
+        lower: (2,) corner of where it may hang, metres; ``upper`` the other.
+        upper: see above.
+        height: of it above the floor, metres.
+        power: first guess of dBm one metre away; ``exponent`` likewise.
+        exponent: see above.
+        asked: (2,) where it was believed to hang.
+        prior: of shadowing.
+    """
+    prior = prior or RadioPrior()
+    places, level, weight = _averaged(places, level, weight)
+    step = max(0.5, float(np.sqrt(np.prod(upper - lower) / MOST_CANDIDATES)))
+    x, y = (np.arange(low, high + step, step) for low, high in zip(lower, upper, strict=True))
+    candidates = np.vstack([np.column_stack([grid.ravel() for grid in np.meshgrid(x, y)]), asked])
+    squared = ((places[:, None] - candidates[None]) ** 2).sum(axis=2) + (height - DEVICE_HEIGHT) ** 2
+    distance = 5.0 * np.log10(np.maximum(squared, NEAREST**2))
+    factor = cholesky(prior.correlation(places, places) + np.diag(1.0 / weight), lower=True)
+    whitened = solve_triangular(factor, np.column_stack([np.ones(len(level)), level - power, distance]), lower=True)
+    one, beyond, away = whitened[:, 0], whitened[:, 1], whitened[:, 2:]
+    residual = beyond[:, None] + exponent * away
+    # Woodbury, for the two constants: S⁻¹ + U' C⁻¹ U and U' C⁻¹ y, U = [1, −distance].
+    a = POWER**-2 + float(one @ one)
+    b, d = -(one @ away), EXPONENT**-2 + (away**2).sum(axis=0)
+    first, second = one @ residual, -(away * residual).sum(axis=0)
+    determinant = a * d - b**2
+    explained = (d * first**2 - 2.0 * b * first * second + a * second**2) / determinant
+    nats = 0.5 * (explained - (residual**2).sum(axis=0) - np.log(determinant))
+    grid, best = nats[:-1], float(nats.max())
+    chance = np.exp(grid - grid.max())
+    chance /= chance.sum()
+    place = chance @ candidates[:-1]
+    off = candidates[:-1] - place
+    covariance = (chance[:, None] * off).T @ off + step**2 / 12.0 * np.eye(2)
+    return Whereabouts(place, covariance, best - float(nats[-1]))
+
+
+def _averaged(places: Array, level: Array, weight: Array) -> tuple[Array, Array, Array]:
+    """Return means over the cells of a grid, coarse enough."""
+    cell = 1.0
+    while True:
+        keys = np.floor(places / cell).astype(np.int64)
+        found, group = np.unique(keys, axis=0, return_inverse=True)
+        if len(found) <= MOST_MEANS:
+            break
+        cell *= 1.5
+    group = group.ravel()
+    total: Array = np.asarray(np.bincount(group, weight), np.float64)
+    sums = [np.bincount(group, weight * column) / total for column in (*places.T, level)]
+    return np.column_stack(sums[:2]), sums[2], total
