@@ -58,6 +58,7 @@ def locate_access_point(
     power: float,
     exponent: float,
     asked: Array,
+    sure: tuple[float, float] = (POWER, EXPONENT),
     prior: RadioPrior | None = None,
 ) -> Whereabouts:
     """Return where an access point hangs.
@@ -71,7 +72,9 @@ def locate_access_point(
         height: of it above the floor, metres.
         power: first guess of dBm one metre away; ``exponent`` likewise.
         exponent: see above.
-        asked: (2,) where it was believed to hang.
+        asked: (2,) where it was believed to hang; there it may send quite otherwise than the first guess.
+        sure: standard deviations of power (dB) and exponent about the first guess elsewhere: less than the default
+            where it was heard before it moved.
         prior: of shadowing.
     """
     prior = prior or RadioPrior()
@@ -86,13 +89,16 @@ def locate_access_point(
     one, beyond, away = whitened[:, 0], whitened[:, 1], whitened[:, 2:]
     residual = beyond[:, None] + exponent * away
     # Woodbury, for the two constants: S⁻¹ + U' C⁻¹ U and U' C⁻¹ y, U = [1, −distance].
-    a = POWER**-2 + float(one @ one)
-    b, d = -(one @ away), EXPONENT**-2 + (away**2).sum(axis=0)
+    spread = np.tile(np.array(sure)[:, None], len(candidates))
+    spread[:, -1] = POWER, EXPONENT
+    a = spread[0] ** -2 + float(one @ one)
+    b, d = -(one @ away), spread[1] ** -2 + (away**2).sum(axis=0)
     first, second = one @ residual, -(away * residual).sum(axis=0)
     determinant = a * d - b**2
     explained = (d * first**2 - 2.0 * b * first * second + a * second**2) / determinant
-    nats = 0.5 * (explained - (residual**2).sum(axis=0) - np.log(determinant))
-    grid, best = nats[:-1], float(nats.max())
+    volume = np.log(determinant) + 2.0 * np.log(spread).sum(axis=0)
+    nats = 0.5 * (explained - (residual**2).sum(axis=0) - volume)
+    grid, best = nats[:-1], float(nats[:-1].max())
     chance = np.exp(grid - grid.max())
     chance /= chance.sum()
     place = chance @ candidates[:-1]

@@ -39,11 +39,16 @@ class RadioEvidence:
     Args:
         points: how many access points there are.
         prior: says how much a reading at a place known so well is worth.
+
+    Attributes:
+        devices: the phones, in the order of their numbers.
+        renumbered: how often these numbers changed.
     """
 
     def __init__(self, points: int, prior: RadioPrior) -> None:
         self._points, self._prior = points, prior
         self.devices: list[str] = []
+        self.renumbered = 0
         self._rows: Array = np.empty((0, len(COLUMNS)))
         self._clock, self._newest = 0.0, -np.inf
 
@@ -110,6 +115,7 @@ class RadioEvidence:
             self._rows = self._rows[self._rows[:, 2] != number]
             self._rows[self._rows[:, 2] > number, 2] -= 1
             del self.devices[number]
+            self.renumbered += 1
 
     def state(self) -> dict[str, Any]:
         """Return all it knows."""
@@ -166,6 +172,7 @@ class RadioEvidence:
         there = np.unique(self._rows[:, 2].astype(np.int64))
         self._rows[:, 2] = np.searchsorted(there, self._rows[:, 2])
         self.devices = [self.devices[number] for number in there.tolist()]
+        self.renumbered += 1
 
 
 def _visits(rows: Array) -> Visits:

@@ -1,4 +1,4 @@
-"""Is an access point heard where it should be? Scans of the last minutes in which it was, and in which it was missing."""
+"""Is an access point heard where it should be? The scans of the last minutes that heard it, and that missed it."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -12,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.learning.proposal import Proposal
+from services.learning.radio.changes import Changes
 from services.learning.radio.evidence import RadioEvidence
 from services.learning.radio.hearing import RecentHearing
-from services.learning.radio.shifts import Shift, find_shifts
-from services.learning.radio.wording import reading_words, silent_words
+from services.learning.radio.shifts import find_shifts
+from services.learning.radio.wording import silent_words
 from services.learning.tracks.stretch import Stretch
 from shared.learning_report import AccessPointFit, ModelKind
 from shared.messages import Message, RadioModelFile, RadioModelUpdate
@@ -26,9 +26,7 @@ from shared.radio import (
     RadioModelError,
     RadioPrior,
     Visits,
-    Whereabouts,
     fit_radio,
-    locate_access_point,
     pack_radio_model,
     unpack_radio_model,
 )
@@ -40,10 +38,10 @@ Array = NDArray[np.float64]
 
 MARGIN = 3.0
 """Metres around the floor for which the map is made, as fusion believes positions so far outside."""
-FULL = 0.02
-"""How much of an access point's evidence stays where it no longer hangs, or in the lee of a new wall."""
-REACH = 2.0
-"""Metres around a block that reads otherwise in which older evidence goes."""
+REVIEW = 30.0
+"""Seconds between two looks for changes."""
+SHARED = 2.0
+"""dB that a visit's readings have in common at least, where few visits have shown it yet."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +55,6 @@ class RadioLessonSettings:
         visits: new ones that make a proposal worth while, and as many
         spots: square metres must have been visited lately.
         recent: seconds against which the last readings are held.
-        moved: metres from which an access point counts as moved, if readings also say so by ``moved_nats``.
-        moved_nats: see above.
-        known: metres to which a position must be known before it is told.
     """
 
     half_life: float = 2700.0
@@ -68,19 +63,6 @@ class RadioLessonSettings:
     visits: int = 150
     spots: int = 12
     recent: float = 300.0
-    moved: float = 2.0
-    moved_nats: float = 8.0
-    known: float = 3.0
-
-
-@dataclass(frozen=True)
-class _Change:
-    """What was found of an access point: ``by`` dB since ``since``; ``state`` what kind of change."""
-
-    state: Literal["changed", "moved"]
-    since: float
-    by: float
-    words: str
 
 
 class RadioLessons:
@@ -103,14 +85,14 @@ class RadioLessons:
         self.area, self._site = area, site.site
         self._settings, self._prior = settings or RadioLessonSettings(), prior or RadioPrior()
         self._lower, self._upper = np.array([x0, y0]) - MARGIN, np.array([x1, y1]) + MARGIN
-        self._file = self._guess = PathLoss.of([point for point in site.access_points if point.floor == floor])
+        self._file = PathLoss.of([point for point in site.access_points if point.floor == floor])
         self._evidence = RadioEvidence(len(self.points), self._prior)
         self._hearing = RecentHearing(len(self.points))
         self._active: RadioModel | None = None
-        self._changes: dict[int, _Change] = {}
-        self._located: dict[int, Whereabouts] = {}
+        self._changes = Changes(self._file, self._lower, self._upper, self._prior)
         self._offsets: dict[str, float] = {}
         self._reference: RadioFit | None = None
+        self._numbers = 0
         self._taught, self._proposed, self._reviewed = -np.inf, -np.inf, -np.inf
 
     @property
@@ -139,9 +121,9 @@ class RadioLessons:
         """Return what the evidence up to ``until`` teaches, where there is enough that is new."""
         self.review(now)
         settings = self._settings
-        changed = [change for change in self._changes.values() if change.since > self._taught]
+        changed = [change for change in self._changes.found.values() if change.found > self._taught]
         wait = settings.after_change if changed else settings.every
-        if now < self._proposed + wait or not self.points:
+        if 0.0 <= now - self._proposed < wait or not self.points:
             return ()
         visits, age, kept = self._evidence.visits(until=until)
         new = visits.where(visits.t > self._taught)
@@ -153,7 +135,7 @@ class RadioLessons:
         self._proposed, before = now, self._taught
         self._taught = until
         self._offsets = dict(zip(self._evidence.devices, fit.offset.tolist(), strict=False))
-        located = [self.points[point] for point in sorted(self._located)]
+        located = [self.points[point] for point in sorted(self._changes.located)]
         file = pack_radio_model(fit.model, located)
         question = msgspec.json.encode({"kind": "radio", "model": file, "since": until})
         fresh = visits.t > before
@@ -183,27 +165,25 @@ class RadioLessons:
             self._active = None if model.model is None else unpack_radio_model(model.model, self._site, self.points)
         except RadioModelError:
             return
-        if model.model is not None:
-            self._changes = {point: change for point, change in self._changes.items() if change.since > self._taught}
 
     def review(self, now: float) -> None:
-        """Look for access points that read otherwise than they did, at most every half minute."""
-        if now < self._reviewed + 30.0:
+        """Look for access points that read otherwise than they did, every ``REVIEW`` seconds."""
+        if 0.0 <= now - self._reviewed < REVIEW:
             return
         self._reviewed = now
         settings = self._settings
-        if self._reference is None:
+        if self._reference is None or self._numbers != self._evidence.renumbered:
             self._reference = self._refit(now - settings.recent)
             return
         recent, _, _ = self._evidence.visits(since=now - settings.recent)
         error = _own_offsets(recent, self._error(recent, self._reference.offset, self._reference.model))
         rows = np.arange(len(recent))
         unknown = self._reference.model.shadowing.at(recent.place)[1][rows, recent.point]
-        shared = max(self._reference.visit, 2.0)
-        shifts = find_shifts(recent, error, unknown, shared, now) if len(recent) else []
-        for shift in shifts:
-            self._take_change(shift, now)
-        self._reference = self._refit(now if shifts else now - settings.recent)
+        shared = max(self._reference.visit, SHARED)
+        before, _, _ = self._evidence.visits(until=now - settings.recent)
+        shifts = find_shifts(recent, error, unknown, shared, before, now) if len(recent) else []
+        edited = self._changes.take(shifts, self._evidence, self._reference, now)
+        self._reference = self._refit(now if edited else now - settings.recent)
 
     def fits(self, now: float) -> list[AccessPointFit]:
         """Return how each access point stands."""
@@ -217,10 +197,7 @@ class RadioLessons:
         """Return all it knows."""
         return {
             "evidence": self._evidence.state(),
-            "positions": self._guess.positions.tolist(),
-            "located": {str(point): [*w.place.tolist(), *w.covariance.ravel().tolist(), w.gain]
-                        for point, w in self._located.items()},
-            "changes": {str(point): dataclasses.asdict(change) for point, change in self._changes.items()},
+            "changes": self._changes.state(),
             "offsets": dict(self._offsets),
             "taught": self._taught if np.isfinite(self._taught) else None,
             "active": None if self._active is None else pack_radio_model(self._active),
@@ -233,19 +210,9 @@ class RadioLessons:
             ValueError: it is no such state; nothing is changed then.
         """
         evidence = RadioEvidence(len(self.points), self._prior)
+        changes = Changes(self._file, self._lower, self._upper, self._prior)
         try:
-            positions = np.array(state["positions"], float)
-            if positions.shape != self._file.positions.shape or not np.isfinite(positions).all():
-                raise ValueError(f"positions: found shape {positions.shape}; allowed: {self._file.positions.shape}")
-            located = {
-                self._known(point): Whereabouts(
-                    np.array(row[:2], float), np.array(row[2:6], float).reshape(2, 2), row[6]
-                )
-                for point, row in state["located"].items()
-            }
-            changes = {
-                self._known(point): msgspec.convert(change, _Change) for point, change in state["changes"].items()
-            }
+            changes.restore(state["changes"])
             offsets = {str(device): float(offset) for device, offset in state["offsets"].items()}
             taught = -np.inf if state["taught"] is None else float(state["taught"])
             file = None if state["active"] is None else msgspec.convert(state["active"], RadioModelFile)
@@ -253,24 +220,18 @@ class RadioLessons:
             evidence.restore(state["evidence"])
         except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
             raise ValueError(f"radio lessons of area {self.area}: {error!r}") from error
-        self._evidence, self._located, self._changes, self._offsets = evidence, located, changes, offsets
-        self._guess = dataclasses.replace(self._file, positions=positions)
+        self._evidence, self._changes, self._offsets = evidence, changes, offsets
         self._taught, self._active, self._reference = taught, active, None
-
-    def _known(self, point: str) -> int:
-        number = int(point)
-        if not 0 <= number < len(self.points):
-            raise ValueError(f"access point {point}: allowed: 0 to {len(self.points) - 1}")
-        return number
 
     def _fit(self, visits: Visits, age: Array, kept: Array) -> RadioFit:
         faded = kept * 0.5 ** (age / self._settings.half_life)
         return fit_radio(
-            self._guess, self._lower, self._upper, visits, kept=faded, prior=self._prior,
+            self._changes.guess, self._lower, self._upper, visits, kept=faded, prior=self._prior,
             devices=len(self._evidence.devices), site=self._site,
         )  # fmt: skip
 
     def _refit(self, until: float) -> RadioFit:
+        self._numbers = self._evidence.renumbered
         return self._fit(*self._evidence.visits(until=until))
 
     def _expected(self, places: Array, model: RadioModel | None = None) -> tuple[Array, Array]:
@@ -288,57 +249,18 @@ class RadioLessons:
         error: Array = visits.level - self._expected(visits.place, model)[0][rows, visits.point] - known[visits.device]
         return error
 
-    def _take_change(self, shift: Shift, now: float) -> None:
-        point, name = shift.point, self.points[shift.point]
-        where = self._locate(point, shift.since)
-        here = self._guess.positions[point]
-        settings = self._settings
-        if where is not None and where.gain > settings.moved_nats and where.error < settings.known:
-            away = float(np.hypot(*(where.place - here[:2])))
-            if away > max(settings.moved, 2.5 * where.error):
-                positions = self._guess.positions.copy()
-                positions[point, :2] = where.place
-                self._guess = dataclasses.replace(self._guess, positions=positions)
-                self._evidence.fade(point, shift.since, FULL)
-                self._located[point] = where
-                self._changes[point] = _Change(
-                    "moved", now, shift.by, reading_words(name, shift.by, shift.since, moved=away)
-                )
-                return
-        if shift.whole:
-            self._evidence.shift(point, shift.since, shift.by)
-            self._evidence.fade(point, shift.since, 0.5)
-        else:
-            self._evidence.fade(point, shift.since, FULL, shift.places, REACH)
-        words = reading_words(name, shift.by, shift.since, whole=shift.whole)
-        self._changes[point] = _Change("changed", now, shift.by, words)
-
-    def _locate(self, point: int, since: float) -> Whereabouts | None:
-        visits, _, _ = self._evidence.visits(since=since)
-        mine = visits.where(visits.point == point)
-        if self._reference is None or len(mine) < self._settings.spots:
-            return None
-        offset = np.append(self._reference.offset, np.zeros(len(self._evidence.devices)))[mine.device]
-        weight = mine.weight / (1.0 + max(self._reference.visit, 2.0) ** 2 * mine.weight)
-        return locate_access_point(
-            mine.place, mine.level - offset, weight, self._lower, self._upper,
-            height=float(self._guess.positions[point, 2]), power=float(self._file.power_1m[point]),
-            exponent=float(self._file.exponent[point]), asked=self._guess.positions[point, :2], prior=self._prior,
-        )  # fmt: skip
-
     def _fit_of(self, point: int, error: Array, now: float) -> AccessPointFit:
         name = self.points[point]
         loss = self._file if self._active is None else self._active.path_loss
         enough = len(error) >= self._settings.spots
         state: Literal["fine", "few readings", "changed", "moved", "silent"] = "fine" if enough else "few readings"
         words = ""
-        change, where = self._changes.get(point), self._located.get(point)
+        change, where = self._changes.found.get(point), self._changes.located.get(point)
         since = self._hearing.silent(point, now)
         if since is not None:
             state, words = "silent", silent_words(name, since)
         elif change is not None:
             state, words = change.state, change.words
-        told = where is not None and where.error < self._settings.known
         return AccessPointFit(
             access_point=name,
             power_1m=float(loss.power_1m[point]),
@@ -347,8 +269,8 @@ class RadioLessons:
             bias=float(np.median(error)) if enough else None,
             readings=len(error),
             state=state,
-            position=(*where.place.tolist(), float(loss.positions[point, 2])) if told and where else None,
-            position_error=where.error if told and where else None,
+            position=(*where.place.tolist(), float(loss.positions[point, 2])) if where else None,
+            position_error=where.error if where else None,
             words=words,
         )
 

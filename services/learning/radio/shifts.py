@@ -1,4 +1,4 @@
-"""Does an access point read otherwise than it did? A likelihood ratio of the last minutes against what was learned before.
+"""Does an access point read otherwise than it did? The last minutes against what was learned before, as a ratio.
 
 Readings share errors: with their visit, with the map about the place, with the phone. So they are averaged over blocks
 of the floor before they are weighed, a block's error is at least the map's, and what one phone alone tells is not
@@ -7,6 +7,7 @@ believed where others could have told it too: it may be the phone.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,9 @@ KNOWN = 12.0
 """dB²; where what was foretold is less sure, nothing can be told to have changed."""
 CHUNK = 30.0
 """Seconds for which a phone's readings are judged together."""
+HALF = 0.5
+PATIENCE = 170.0
+"""Seconds."""
 WHOLE = 0.7
 """Share of blocks from which it is the access point that changed and not something on the way."""
 
@@ -59,17 +63,20 @@ class Shift:
     places: Array
     whole: bool
     phones: int
-    rest: float
 
 
-def find_shifts(visits: Visits, error: Array, unknown: Array, shared: float, now: float) -> list[Shift]:
+def find_shifts(visits: Visits, error: Array, unknown: Array, shared: float, before: Visits, now: float) -> list[Shift]:
     """Return the access points that read otherwise, at most one shift each.
+
+    Whether it is the access point or something on the way shows once people walked in half of where they were before;
+    so long, but no longer than ``PATIENCE``, what reads otherwise wherever they walked is not told.
 
     Args:
         visits: n of the last minutes, none of which taught what ``error`` is about.
         error: (n,) heard − foretold, the phone's offset taken off, dB.
         unknown: (n,) variance of what was foretold, dB².
         shared: standard deviation of what a visit's readings have in common, dB.
+        before: those that taught it.
         now: seconds since the epoch.
     """
     found = []
@@ -82,9 +89,22 @@ def find_shifts(visits: Visits, error: Array, unknown: Array, shared: float, now
             for onset in ONSETS
             if (shift := _shift(visits, error, unknown, shared, point, now - onset)) is not None
         ]
-        if shifts:
-            found.append(max(shifts, key=lambda shift: shift.nats))
+        if not shifts:
+            continue
+        best = max(shifts, key=lambda shift: shift.nats)
+        seen = _blocks(visits, point, best.since) / max(_blocks(before, point, -np.inf), 1)
+        if best.whole and seen < HALF:
+            if now - best.since < PATIENCE:
+                continue
+            best = dataclasses.replace(best, whole=False)
+        found.append(best)
     return found
+
+
+def _blocks(visits: Visits, point: int, since: float) -> int:
+    """Return in how many blocks an access point was heard."""
+    mine = (visits.point == point) & (visits.t > since)
+    return len(np.unique(np.floor(visits.place[mine] / BLOCK), axis=0))
 
 
 def _mistrust(visits: Visits, error: Array, variance: Array) -> Array:
@@ -136,7 +156,7 @@ def _shift(visits: Visits, error: Array, unknown: Array, shared: float, point: i
     middles = (np.unique(where[hit], axis=0) + 0.5) * BLOCK
     by = float(np.sum(off[hit] / (alone + map_variance)[hit]) / np.sum(1.0 / (alone + map_variance)[hit]))
     agreeing = sum(gain > 1.0 for gain in gains.values())
-    return Shift(point, by, since, nats, middles, bool(chosen.mean() >= WHOLE), agreeing, rest)
+    return Shift(point, by, since, nats, middles, bool(chosen.mean() >= WHOLE), agreeing)
 
 
 def _best(off: Array, alone: Array, map_variance: Array, block: NDArray[np.int64]) -> tuple[float, float, Array] | None:

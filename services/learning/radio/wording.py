@@ -1,29 +1,24 @@
-"""What an operator is told of an access point, in plain words."""
+"""What an operator is told of an access point, in plain words; times are seconds since the epoch."""
 
 from __future__ import annotations
 
 import time
 
-__all__ = ["reading_words", "silent_words"]
+__all__ = ["moved_words", "reading_words", "silent_words"]
 
 
-def reading_words(name: str, by: float, since: float, *, whole: bool = False, moved: float | None = None) -> str:
-    """Return what to say of an access point that reads ``by`` dB otherwise since then (seconds since the epoch).
-
-    Args:
-        name: its id.
-        by: dB; where it ``moved``, metres from where it was believed to hang, it plays no part.
-        since: see above.
-        whole: whether it does so nearly everywhere.
-        moved: see above.
-    """
-    clock = _clock(since)
-    if moved is not None:
-        return f"access point {name} seems to hang {moved:.0f} m from where the site file says, since {clock}: was it moved?"
+def reading_words(name: str, by: float, since: float, *, whole: bool) -> str:
+    """Return what to say of an access point that reads ``by`` dB otherwise since then, nearly everywhere or in part."""
     reads = f"access point {name} reads {abs(by):.0f} dB {'higher' if by > 0.0 else 'lower'} than it did"
     if whole:
-        return f"{reads} since {clock}: was its power changed, or its antenna turned?"
-    return f"{reads} in part of the area since {clock}: {'is a wall gone' if by > 0.0 else 'is there a new wall'}?"
+        return f"{reads} since {_clock(since)}: was its power changed, or its antenna turned?"
+    what = "is a wall gone" if by > 0.0 else "is there a new wall"
+    return f"{reads} in part of the area since {_clock(since)}: {what}?"
+
+
+def moved_words(name: str, away: float, since: float) -> str:
+    """Return what to say of an access point that hangs ``away`` metres from where it was believed to."""
+    return f"access point {name} seems to hang {away:.0f} m from where it did, since {_clock(since)}: was it moved?"
 
 
 def silent_words(name: str, since: float) -> str:
