@@ -40,6 +40,8 @@ MARGIN = 3.0
 """Metres around the floor for which the map is made, as fusion believes positions so far outside."""
 REVIEW = 30.0
 """Seconds between two looks for changes."""
+SURE = 14.0
+"""Nats from which one look is enough to believe a change; otherwise the next look must say so too."""
 SHARED = 2.0
 """dB that a visit's readings have in common at least, where few visits have shown it yet."""
 
@@ -92,6 +94,7 @@ class RadioLessons:
         self._changes = Changes(self._file, self._lower, self._upper, self._prior)
         self._offsets: dict[str, float] = {}
         self._reference: RadioFit | None = None
+        self._suspects: dict[int, float] = {}
         self._numbers = 0
         self._taught, self._proposed, self._reviewed = -np.inf, -np.inf, -np.inf
 
@@ -182,7 +185,11 @@ class RadioLessons:
         shared = max(self._reference.visit, SHARED)
         before, _, _ = self._evidence.visits(until=now - settings.recent)
         shifts = find_shifts(recent, error, unknown, shared, before, now) if len(recent) else []
-        edited = self._changes.take(shifts, self._evidence, self._reference, now)
+        twice = [
+            shift for shift in shifts if shift.nats > SURE or self._suspects.get(shift.point, 0.0) * shift.by > 0.0
+        ]
+        self._suspects = {shift.point: shift.by for shift in shifts}
+        edited = self._changes.take(twice, self._evidence, self._reference, now)
         self._reference = self._refit(now if edited else now - settings.recent)
 
     def fits(self, now: float) -> list[AccessPointFit]:

@@ -28,7 +28,7 @@ SIZES = np.array([size for step in range(3, 22) for size in (float(step), -float
 FREE = 2.0
 """Nats that it costs each block to be in the lee of something or not."""
 ENOUGH = 9.0
-"""Nats; learned from worlds in which nothing changed."""
+"""Nats; of nine areas of the twin in which nothing changed for a quarter of an hour, two came to so much, once."""
 AGREED = 5.0
 """Nats that remain without the phone that says most."""
 KNOWN = 12.0
