@@ -1,72 +1,215 @@
-"""The lessons of ``services/learning`` as the ladder takes them: from a training part to models, without truth.
+"""The learners of ``services/learning`` as experiments take them: from a run to models, without bus, clock and truth.
 
-The one place where experiments meet the learners.
+The one place where experiments meet them.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable, Mapping
+import math
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.fusion_run import FusionRun, chunks_of
-from benchmarks.radio_training import learn_from_run, warmed_up
+from benchmarks.learning_stretches import stretches_of
 from benchmarks.world_record import WorldRecord
 from services.fusion.area_view import AreaView
 from services.fusion.chunks import period_of
 from services.fusion.registry import make_tracker
-from services.fusion.rescore.quality import total
-from services.fusion.rescore.trial import run_trial, withhold
+from services.fusion.rescore.setting import Asked, Setting
+from services.fusion.rescore.worker import judge, rescore
+from services.fusion.tracker import Chunk
+from services.fusion.trained_view import under_model
+from services.learning.activation.answer import Trial, read_answer
+from services.learning.activation.database import in_memory
+from services.learning.activation.gate import Gate, Ruling
+from services.learning.activation.questions import held_out, question_of
+from services.learning.activation.store import ModelStore
+from services.learning.area_tracks import AreaTracks
+from services.learning.cameras.detector_choice import Sweep, choose_detector
+from services.learning.lesson import Lesson
+from services.learning.loop import LearningLoop
+from services.learning.proposal import Proposal
+from services.learning.radio.lessons import RadioLessons
+from services.learning.tracks.assembler import StretchAssembler
+from services.learning.tracks.quality import QualityJudge, SightScore
 from services.learning.tracks.stretch import Stretch
+from services.learning.trials import Inline
+from services.learning.walking.stride_lessons import StrideLessons
+from shared.messages import DetectionFrame, Message, RadioModelUpdate, StrideModel, TrackFrame
+from shared.radio import RadioModel, ShadowingMap, pack_radio_model
+from shared.site import Site
 from shared.walking.stride import StrideLine
-from shared.walking.stride_learning import fit_line
 
-__all__ = ["detection_score", "learned_radio", "learned_strides"]
+__all__ = [
+    "Teacher",
+    "chosen_rate",
+    "detection_score",
+    "good_stretches",
+    "learned_radio",
+    "learned_strides",
+    "ruling_on",
+]
 
-Array = NDArray[np.float64]
-
-STEP = 0.35, 1.0
-"""Seconds between which a step follows the one before."""
-FEWEST = 60
-"""Pairs of cadence and length without which a phone keeps the universal line."""
-SURE = 0.5
+RECENT = 900.0
+"""Seconds of chunks that fusion keeps for trials."""
 
 
 def detection_score(record: WorldRecord, tracker: str, view: AreaView) -> float:
-    """Return how well the tracks of these detections explain the scans withheld from them, nats per reading."""
+    """Return the cumulative quality score of the tracks that a record's detections make, nats per second."""
     chunks = list(chunks_of(record, period_of(make_tracker(tracker, view).cycle)))
-    kept, withheld, _ = withhold(chunks, view.radio.names)
-    return total(list(run_trial(kept, withheld, view, tracker, 0, {}).values())).per_reading
+    answer = judge(chunks, tracker, 0, Asked(Setting(view), sight=True))
+    return math.nan if answer.sight is None else answer.sight.active
 
 
-def learned_radio(record: WorldRecord, run: FusionRun, view: AreaView) -> AreaView:
-    """Return the view with the radio that a run's own tracks teach."""
-    return warmed_up(view, learn_from_run(run, record.scans, view, record.site.site))
+def chosen_rate(rates: Sequence[float], scores: Sequence[float], active: float) -> int:
+    """Return the place of the rate that the detector's own choice comes nearest to.
+
+    Args:
+        rates: ascending; ``active`` is one of them.
+        scores: of each.
+        active: the rate in use.
+    """
+    by_rate = {f"{rate:.6g}": score for rate, score in zip(rates, scores, strict=True)}
+    found = choose_detector(
+        {"learning_rate": active},
+        lambda options: by_rate.get(f"{options['learning_rate']:.6g}"),
+        lambda score: score,
+        (Sweep("learning_rate", rates),),
+    )
+    value = found.options.get("learning_rate", active)
+    return int(np.argmin(np.abs(np.log(np.array(rates) / value))))
 
 
-def learned_strides(stretches: Iterable[Stretch], fewest: int = FEWEST) -> Mapping[str, StrideLine]:
-    """Return the line of each device that was seen to take ``fewest`` steps or more."""
-    pairs: dict[str, list[Array]] = defaultdict(list)
+def good_stretches(record: WorldRecord, run: FusionRun, view: AreaView) -> list[Stretch]:
+    """Return the stretches of a run that may teach."""
+    return [stretch for stretch, verdict in stretches_of(record, run, view) if verdict.good]
+
+
+def learned_radio(stretches: Iterable[Stretch], site: Site, view: AreaView) -> AreaView:
+    """Return the view with the radio that stretches teach; as it was where they teach too little."""
+    lessons = RadioLessons(site, view.area)
+    end = -math.inf
     for stretch in stretches:
-        if np.median(stretch.probability) >= SURE:
-            pairs[stretch.device].append(_pairs(stretch))
+        lessons.learn(stretch)
+        end = max(end, float(stretch.t[-1]))
+    for proposal in lessons.propose(end, end):
+        if isinstance(proposal.model, RadioModelUpdate):
+            return under_model(view, proposal.model.model)
+    return view
+
+
+def learned_strides(stretches: Iterable[Stretch], area: str) -> Mapping[str, StrideLine]:
+    """Return the line of each device whose stretches prove it on each other."""
+    lessons = StrideLessons(area)
+    end = -math.inf
+    for stretch in stretches:
+        lessons.learn(stretch)
+        end = max(end, float(stretch.t[-1]))
     lines = {}
-    for device, tables in pairs.items():
-        cadence, length = np.concatenate(tables).T
-        if len(cadence) >= fewest:
-            lines[device] = fit_line(cadence, length)
+    for proposal in lessons.propose(end, end):
+        if isinstance(proposal.model, StrideModel):
+            line = proposal.model
+            lines[line.device] = StrideLine(np.array(line.slope), np.array(line.offset), np.array(line.scale_variance))
     return lines
 
 
-def _pairs(stretch: Stretch) -> Array:
-    """Return (n, 2) cadence, steps/s, and length, m, of the steps that a camera watched from one end to the other."""
-    t = stretch.step_t
-    interval = np.diff(t)
-    together = np.diff(stretch.walk) == 0
-    place = np.column_stack([np.interp(t, stretch.t, stretch.place[:, axis]) for axis in (0, 1)])
-    length = np.linalg.norm(np.diff(place, axis=0), axis=1)
-    seen = np.interp(t, stretch.t, stretch.seen.astype(float)) > 0.99
-    fine = together & (interval >= STEP[0]) & (interval <= STEP[1]) & seen[1:] & seen[:-1]
-    return np.column_stack([1.0 / interval[fine], length[fine]])
+def ruling_on(
+    looks: Iterable[tuple[WorldRecord, float]], tracker: str, active: AreaView, candidate: AreaView
+) -> Ruling:
+    """Return what the gate says of a candidate for an area's radio.
+
+    Args:
+        looks: at least one record, and the time, seconds since the epoch, from which on it judges: nothing after that
+            taught either model. The next is looked at only where the gate wants more.
+        tracker: name of the tracker that runs.
+        active: the area with the radio that is live.
+        candidate: the area with the candidate's.
+    """
+    question = question_of(RadioModelUpdate(t=0.0, area=active.area, version=1, model=_file(candidate))) or b""
+    trials: list[Trial] = []
+    for record, since in looks:
+        chunks = list(chunks_of(record, period_of(make_tracker(tracker, active).cycle)))
+        trials.append(read_answer(rescore(held_out(question, since), chunks, active, tracker)))
+        proposal = Proposal(
+            "radio", active.area, active.area, RadioModelUpdate(t=0.0, area=active.area, version=1), 0.0
+        )
+        ruling = Gate().of_trials(proposal, trials)
+        if ruling.outcome != "more":
+            break
+    return ruling
+
+
+class Teacher:
+    """The learning service of one area without bus and clock, and fusion's part in it.
+
+    Args:
+        site: as its trackers know it.
+        active: the area with the radio that is live.
+        tracker: name of the tracker that runs.
+    """
+
+    def __init__(self, site: Site, active: AreaView, tracker: str) -> None:
+        self.active = active
+        self._tracker = tracker
+        self._chunks: deque[Chunk] = deque()
+        self._next: AreaView | None = None
+        area, points = active.area, active.radio.names
+        sight, quality = _Sight(active), QualityJudge(len(points))
+        tracks = AreaTracks(
+            area,
+            list(active.views),
+            StretchAssembler(points),
+            lambda stretch: quality.judge(stretch, self.active.radio, self.active.shadowing),
+            sight,
+        )
+        lessons = [Lesson(f"radio/{area}", RadioLessons(site, area), frozenset({area}))]
+        self._loop = LearningLoop(
+            {area: tracks}, lessons, Gate(), ModelStore(in_memory()), self._ask, self._live, executor=Inline()
+        )
+        if active.shadowing is not None:
+            lessons[0].learner.activated(RadioModelUpdate(t=0.0, area=area, version=0, model=_file(active)))
+
+    def consumed(self, chunk: Chunk) -> None:
+        """Keep what fusion consumed, for trials."""
+        self._chunks.append(chunk)
+        while self._chunks[0].t_end < chunk.t_end - RECENT:
+            self._chunks.popleft()
+
+    def take(self, message: Message) -> None:
+        """Take in what sensors or fusion said."""
+        self._loop.take(message)
+
+    def look(self, now: float) -> AreaView | None:
+        """Do what is due at ``now``, and return the area with the model that went live; None where none did."""
+        self._next = None
+        self._loop.look(now)
+        return self._next
+
+    def _ask(self, area: str, question: bytes) -> Mapping[str, Any]:
+        return rescore(question, self._chunks, self.active, self._tracker)
+
+    def _live(self, message: Message) -> None:
+        if isinstance(message, RadioModelUpdate):
+            self.active = self._next = under_model(self.active, message.model)
+
+
+class _Sight:
+    def __init__(self, view: AreaView) -> None:
+        self._score = SightScore(view.views)
+
+    def take(self, frame: DetectionFrame) -> None:
+        self._score.take_detections(frame)
+
+    def score(self, frame: TrackFrame) -> Mapping[int, float]:
+        return self._score.score(frame)
+
+
+def _file(view: AreaView) -> Any:
+    shadowing = view.shadowing
+    if shadowing is None:
+        shape = (len(view.radio.names), 1, 1)
+        shadowing = ShadowingMap(view.radio.names, view.lower, 100.0, np.zeros(shape), np.full(shape, 16.0))
+    return pack_radio_model(RadioModel(view.site, view.radio, shadowing))

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from benchmarks.fusion_run import FusionRun
 from benchmarks.world_record import Truth, WorldRecord
 from services.fusion.area_view import AreaView
+from services.learning.tracks.stretch import Stretch
 from shared.messages import TrackFrame
 from shared.walking.stride import StrideLine, step_lengths
 
-__all__ = ["radio_residual", "stride_errors", "true_run"]
+__all__ = ["radio_residual", "stretch_rmse", "stride_errors", "true_run"]
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ SURE = (0.01, 0.0, 0.01)
 """m²: of the truth."""
 STEP = 0.35, 1.0
 """Seconds between which a step follows the one before."""
-FEWEST = 100
+FEWEST = 60
 """Steps of a test part without which nobody's stride is judged."""
 
 
@@ -111,6 +112,15 @@ def stride_errors(record: WorldRecord, lines: Mapping[str, StrideLine], fewest: 
         foretold = step_lengths(1.0 / interval[fine], np.full(int(fine.sum()), np.nan), line).length
         errors.append(abs(float(foretold.sum() / went[fine].sum()) - 1.0))
     return np.array(errors)
+
+
+def stretch_rmse(stretch: Stretch, truth: Truth) -> float:
+    """Return how far the carrier of a stretch's phone truly was from its track, metres; NaN where nobody knows."""
+    person = list(truth.device).index(stretch.device)
+    at = np.clip(np.searchsorted(truth.t, stretch.t), 0, len(truth.t) - 1)
+    off = stretch.place - truth.position[at, person]
+    known = np.isfinite(off).all(axis=1)
+    return float(np.sqrt((off[known] ** 2).sum(axis=1).mean())) if known.any() else float("nan")
 
 
 def _steps(record: WorldRecord, truth: Truth, person: int) -> tuple[Array, NDArray[np.int64]]:

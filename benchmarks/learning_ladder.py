@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.fusion_run import run_fusion
-from benchmarks.learning_adapter import detection_score, learned_radio, learned_strides
-from benchmarks.learning_checks import radio_residual, stride_errors, true_run
+from benchmarks.learning_adapter import chosen_rate, detection_score, learned_radio, learned_strides
+from benchmarks.learning_checks import radio_residual, stretch_rmse, stride_errors, true_run
 from benchmarks.learning_detections import Seen, with_detections
 from benchmarks.learning_splits import Split, part_of
 from benchmarks.learning_stretches import stretches_of
@@ -33,9 +33,11 @@ STAGES = ("none", "detector", "radio", "all")
 TRACKERS = {DEFAULT_TRACKER: "", "rbmcda": "_rbmcda"}
 """With the suffix of their figures."""
 RATES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
-"""Per second, of the cameras' backgrounds."""
+"""Per second, of the cameras' backgrounds; the configured one is among them."""
 LOOK_BACK = 300.0
 """Seconds at the end of the training part on which rates are compared: as much as a camera remembers."""
+MINUTE = 50.0
+"""Seconds of a track whose quality is held against its true error, at least."""
 FINDING_OUT = 60.0
 """Seconds at their beginning that do not count: who is who is still found out."""
 
@@ -45,9 +47,9 @@ class RateCurve:
     """How good each rate is, on the end of one training part.
 
     Attributes:
-        score: (r,) nats per withheld reading; no truth is in it.
+        score: (r,) of the tracks, nats per second; no truth is in it.
         rmse: (r,) metres, median over people and minutes, for the picture only.
-        chosen: place of the rate with the best score.
+        chosen: place of the rate that learning takes.
     """
 
     score: Array
@@ -64,12 +66,15 @@ class Rung:
         learned: (n,) dB, heard minus foretold by the learned radio model at true places of the test part.
         fitted: (n,) dB, the same of a model fitted to the training part's true places.
         strides: (d,) share by which each learned stride is wrong in the test part.
+        tracks: (k, 4) of the training part's tracks of about a minute: quality, nats; how long, s; true RMSE, m;
+            1 where it may teach, else 0.
     """
 
     errors: Mapping[str, Array]
     learned: Array
     fitted: Array
     strides: Array
+    tracks: Array
 
 
 @dataclass(frozen=True)
@@ -80,8 +85,8 @@ class Climb:
     rungs: Mapping[str, Sequence[Rung]]
 
 
-def rate_curve(record: WorldRecord, seen: Sequence[Seen], split: Split) -> RateCurve:
-    """Return how each rate's detections do on the end of the training part of a split."""
+def rate_curve(record: WorldRecord, seen: Sequence[Seen], split: Split, active: float) -> RateCurve:
+    """Return how each rate's detections do on the end of the training part of a split; ``active``: the rate in use."""
     end = part_of(record, max(split.turn - LOOK_BACK, split.start), split.turn)
     view = AreaView.of(record.site, record.area)
     judged = part_of(end, max(split.turn - LOOK_BACK, split.start) + FINDING_OUT, split.turn)
@@ -92,18 +97,19 @@ def rate_curve(record: WorldRecord, seen: Sequence[Seen], split: Split) -> RateC
         tracks = run_fusion(tried, DEFAULT_TRACKER, view=view).frames
         errors = window_rmse(judged.truth, named_positions(judged.truth, tracks), centre_of(record.view)).rmse
         rmse.append(float(np.nanmedian(errors)))
-    return RateCurve(np.array(score), np.array(rmse), int(np.argmax(score)))
+    return RateCurve(np.array(score), np.array(rmse), chosen_rate(RATES, score, active))
 
 
-def climb(record: WorldRecord, seen: Sequence[Seen], splits: Sequence[Split]) -> Climb:
+def climb(record: WorldRecord, seen: Sequence[Seen], splits: Sequence[Split], active: float) -> Climb:
     """Return the errors of each tracker at each stage over all splits of one area.
 
     Args:
         record: the whole run as configured.
         seen: what its cameras see with each of ``RATES``.
         splits: of the run.
+        active: learning rate with which its cameras were configured.
     """
-    curves = [rate_curve(record, seen, split) for split in splits]
+    curves = [rate_curve(record, seen, split, active) for split in splits]
     chosen = [seen[curve.chosen] for curve in curves]
     rungs = {
         tracker: [climb_split(record, other, split, tracker) for other, split in zip(chosen, splits, strict=True)]
@@ -119,8 +125,16 @@ def climb_split(record: WorldRecord, seen: Seen, split: Split, tracker: str) -> 
     test = part_of(record, split.turn, split.end)
     better = with_detections(test, seen)
     run = run_fusion(training, tracker, view=found)
-    view = learned_radio(training, run, found)
-    strides = learned_strides(stretches_of(training, run))
+    judged = list(stretches_of(training, run, found))
+    good = [stretch for stretch, verdict in judged if verdict.good]
+    view = learned_radio(good, record.site, found)
+    strides = learned_strides(good, record.area)
+    perfect = [stretch for stretch, _ in stretches_of(training, true_run(training), found)]
+    tracks = [
+        (verdict.printed, one.seconds, stretch_rmse(one, training.truth), float(verdict.good))
+        for one, verdict in judged
+        if one.seconds >= MINUTE
+    ]
     stages = {
         "none": (test, found),
         "detector": (better, found),
@@ -131,8 +145,9 @@ def climb_split(record: WorldRecord, seen: Seen, split: Split, tracker: str) -> 
     return Rung(
         errors=errors,
         learned=radio_residual(test, view),
-        fitted=radio_residual(test, learned_radio(training, true_run(training), found)),
+        fitted=radio_residual(test, learned_radio(perfect, record.site, found)),
         strides=stride_errors(test, strides),
+        tracks=np.array(tracks, float).reshape(-1, 4),
     )
 
 

@@ -1,0 +1,148 @@
+"""Does the gate let in what is better, and nothing that is worse? Candidates of random quality in random worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from benchmarks.fusion_run import run_fusion
+from benchmarks.learning_adapter import ruling_on
+from benchmarks.learning_candidates import KINDS, candidate_of, poisoned, until
+from benchmarks.learning_splits import part_of
+from benchmarks.position_error import centre_of, window_rmse
+from benchmarks.track_reading import named_positions
+from benchmarks.twin_scores import used_access_points
+from benchmarks.world_record import WorldRecord
+from benchmarks.world_run import EPOCH, load, record_world, with_access_points
+from services.fusion.area_view import AreaView
+from services.fusion.registry import DEFAULT_TRACKER
+from services.simulator.radio.radio_changes import PowerChange
+from services.simulator.scenario_file import DetectedView, Scenario
+from services.simulator.seeds import generator
+
+__all__ = ["WORLDS", "Bout", "draw_gate", "gate_figures", "try_world"]
+
+WORLDS = ("construction-1", "museum", "construction-2", "museum") * 4 + ("museum",)
+EACH = 2
+"""Candidates tried in each area of a world."""
+TURN, TAUGHT, LOOK, LOOKS, TEST = 180.0, 360.0, 240.0, 2, 480.0
+"""Seconds: when something changes, when training ends, of a look of the gate, how many looks, of the test."""
+BEFORE = 120.0
+"""Seconds before a look from which on fusion still has what was said: who is who is known when it begins."""
+END = TAUGHT + LOOKS * LOOK + TEST
+RATE = 10.0
+"""Frames a second at most, so that it takes minutes."""
+WORSE, BETTER = 0.02, 0.05
+"""Shares of the test error."""
+
+
+@dataclass(frozen=True)
+class Bout:
+    """One candidate.
+
+    Attributes:
+        kind: of ``KINDS``.
+        gain: nats per withheld reading in the trial.
+        live: whether the gate let it in.
+        change: of the error in the test part by going live, as a share; negative is better.
+    """
+
+    kind: str
+    gain: float
+    live: bool
+    change: float
+
+
+def try_world(name: str, number: int, seed: int) -> list[Bout]:
+    """Return the bouts of one random world: its name in ``WORLDS``, its number, the seed of them all."""
+    rng = generator(seed, "gate", str(number))
+    scenario, site = load(name)
+    points = [point.id for point in site.access_points]
+    by = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.0, 15.0))
+    change = PowerChange(at=TURN, kind="power", access_point=str(rng.choice(points)), by=by)
+    worlds = record_world(_changed(scenario, change), site, int(rng.integers(10_000, 2**31)), seconds=END)
+    bouts = []
+    for place, record in enumerate(worlds.values()):
+        first = EACH * (2 * number + place)
+        kinds = [KINDS[(first + more) % len(KINDS)] for more in range(EACH)]
+        chosen = with_access_points(record, used_access_points(record, min(6, len(points))))
+        bouts += [_bout(kind, chosen, rng) for kind in kinds]
+    return bouts
+
+
+def _bout(kind: str, record: WorldRecord, rng: np.random.Generator) -> Bout:
+    liar = None
+    if kind == "malicious":
+        liar = str(rng.choice([name for name in record.truth.device if name]))
+        record = poisoned(record, liar, rng)
+    training = part_of(record, 0.0, TAUGHT)
+    found = AreaView.of(record.site, record.area)
+    run = run_fusion(training, view=found)
+    active = found
+    if rng.random() < 0.5:
+        active = candidate_of("learned", training, until(run, 0.0, EPOCH + 0.75 * TURN), found, 0.0, rng)
+    candidate = candidate_of(kind, training, run, found, EPOCH + TURN, rng)
+    begins = [TAUGHT + number * LOOK for number in range(LOOKS)]
+    looks = ((part_of(record, begin - BEFORE, begin + LOOK), EPOCH + begin) for begin in begins)
+    ruling = ruling_on(looks, DEFAULT_TRACKER, active, candidate)
+    before, after = (_error(part_of(record, END - TEST, END), view, liar) for view in (active, candidate))
+    return Bout(kind, ruling.gain or 0.0, ruling.outcome == "activate", after / before - 1.0)
+
+
+def _error(record: WorldRecord, view: AreaView, liar: str | None) -> float:
+    """Return the mean error in a minute, metres, of all but a malicious phone's carrier."""
+    truth = record.truth
+    errors = window_rmse(truth, named_positions(truth, run_fusion(record, view=view).frames), centre_of(record.view))
+    honest = [truth.device[place] != liar for place in truth.carriers()]
+    return float(np.nanmean(errors.rmse[:, honest]))
+
+
+def _changed(scenario: Scenario, change: PowerChange) -> Scenario:
+    views = [
+        view.model_copy(update={"frames_per_s": min(RATE, view.frames_per_s)})
+        for view in scenario.views
+        if isinstance(view, DetectedView)
+    ]
+    return scenario.model_copy(
+        update={"views": views, "radio": scenario.radio.model_copy(update={"changes": [change]})}
+    )
+
+
+def gate_figures(bouts: Sequence[Bout]) -> dict[str, float | None]:
+    """Return ``worst_loss``, ``good_activated`` and how many of which kind went live."""
+    live = [bout for bout in bouts if bout.live]
+    good = [bout for bout in bouts if bout.change < -BETTER]
+    figures: dict[str, float | None] = {
+        "worst_loss": max((bout.change for bout in live), default=0.0),
+        "good_activated": sum(bout.live for bout in good) / len(good) if good else None,
+        "candidates": len(bouts),
+        "activated": len(live),
+        "good": len(good),
+        "bad": sum(bout.change > WORSE for bout in bouts),
+        "bad_activated": sum(bout.change > WORSE for bout in live),
+    }
+    for kind in KINDS:
+        mine = [bout.live for bout in bouts if bout.kind == kind]
+        figures[f"activated_{kind}"] = sum(mine) / len(mine) if mine else None
+    return figures
+
+
+def draw_gate(axis: Axes, bouts: Sequence[Bout]) -> None:
+    """Draw each candidate's gain in the trial against what it truly changed; those that went live are filled."""
+    for number, kind in enumerate(KINDS):
+        for live in (True, False):
+            mine = [bout for bout in bouts if bout.kind == kind and bout.live == live]
+            axis.scatter(
+                [bout.gain for bout in mine],
+                [100.0 * bout.change for bout in mine],
+                edgecolors=f"C{number}",
+                facecolors=f"C{number}" if live else "none",
+                label=kind if live else None,
+            )
+    axis.axhspan(-100.0 * BETTER, 100.0 * WORSE, color="0.92", zorder=0)
+    axis.set(title="candidates and the gate", xlabel="gain in the trial, nats per withheld reading")
+    axis.set_ylabel("change of the test error, %")
+    axis.legend(title="filled: went live", fontsize="small")

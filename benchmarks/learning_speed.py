@@ -1,0 +1,169 @@
+"""What does learning cost beside a full hall, and does it grow?"""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from msgspec.structs import replace
+from rich.progress import Progress
+
+from benchmarks.experiment import Experiment, Figures, Options
+from benchmarks.fusion_run import run_fusion
+from benchmarks.learning_adapter import Teacher
+from benchmarks.learning_stretches import heard_of
+from benchmarks.world_run import load, record_world
+from services.fusion.area_view import AreaView
+from services.fusion.registry import DEFAULT_TRACKER
+from shared.messages import DetectionFrame, Message, MotionBatch, RadioScan, Revision, TrackFrame
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+
+__all__ = ["EXPERIMENT", "Cost", "cost_of", "main", "shifted"]
+
+SECONDS = 90.0
+"""Of the crowd's world."""
+ROUNDS = 40
+"""The hour: as often is all of it told, shifted in time."""
+TURN = 1.0
+"""Seconds between two looks, as the service has them."""
+
+
+class Cost:
+    """What learning took, round by round.
+
+    Attributes:
+        taking: (n,) s of a core for messages; ``looking``: (n,) for looks, trials included.
+        looking: see above.
+        memory: (n,) MB resident at the end of each round.
+    """
+
+    def __init__(self) -> None:
+        self.taking: list[float] = []
+        self.looking: list[float] = []
+        self.memory: list[float] = []
+
+
+def shifted(message: Message, by: float) -> Message:
+    """Return a message as if everything in it had been ``by`` seconds later."""
+    match message:
+        case MotionBatch():
+            since = message.revises_from
+            return replace(
+                message,
+                t=message.t + by,
+                t_start=message.t_start + by,
+                step_t=[t + by for t in message.step_t],
+                turn_t=[t + by for t in message.turn_t],
+                revises_from=None if since is None else since + by,
+            )
+        case Revision():
+            return replace(
+                message,
+                t=message.t + by,
+                since=[t + by for t in message.since],
+                at=[t + by for t in message.at],
+            )
+        case DetectionFrame() | RadioScan() | TrackFrame():
+            return replace(message, t=message.t + by)
+        case _:
+            raise TypeError(f"{type(message).__name__}: allowed: what sensors and fusion say")
+
+
+def cost_of(learning: Teacher, messages: Sequence[Message], rounds: int, progress: Progress) -> Cost:
+    """Return what learning takes for the same messages, told again and again."""
+    cost = Cost()
+    task = progress.add_task("learning", total=rounds)
+    for number in range(rounds):
+        taking = looking = 0.0
+        looked = -np.inf
+        for message in _later(messages, number * SECONDS):
+            begun = time.process_time()
+            learning.take(message)
+            taking += time.process_time() - begun
+            if isinstance(message, TrackFrame) and message.t - looked >= TURN:
+                looked = message.t
+                begun = time.process_time()
+                learning.look(message.t)
+                looking += time.process_time() - begun
+        cost.taking.append(taking)
+        cost.looking.append(looking)
+        cost.memory.append(_resident())
+        progress.advance(task)
+    return cost
+
+
+def _later(messages: Sequence[Message], by: float) -> Iterator[Message]:
+    return (shifted(message, by) for message in messages)
+
+
+def _resident() -> float:
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * resource.getpagesize() / 1e6
+
+
+def run(options: Options, progress: Progress) -> Figures:
+    """Return the share of a core, and how memory grows."""
+    scenario, site = load(options.scenario)
+    task = progress.add_task("world", total=SECONDS)
+    area = site.areas[0].id
+    made = record_world(
+        scenario, site, options.seed, seconds=SECONDS, progress=lambda t: progress.update(task, completed=t)
+    )
+    messages = [message for _, message in heard_of(made[area], run_fusion(made[area]))]
+    cost = cost_of(Teacher(site, AreaView.of(site, area), DEFAULT_TRACKER), messages, ROUNDS, progress)
+    total = np.array(cost.taking) + np.array(cost.looking)
+    late = np.arange(len(total)) >= len(total) // 2
+    hours = np.arange(len(total))[late] * SECONDS / 3600.0
+    _draw(cost, options)
+    return {
+        "core_share": float(total[late].mean() / SECONDS),
+        "core_share_worst_round": float(total.max() / SECONDS),
+        "looking_share": float(np.mean(cost.looking) / SECONDS),
+        "memory_mb": cost.memory[-1],
+        "memory_slope_mb_per_h": float(np.polyfit(hours, np.array(cost.memory)[late], 1)[0]),
+    }
+
+
+def _draw(cost: Cost, options: Options) -> None:
+    figure, axis = plt.subplots(figsize=(7.0, 4.0))
+    minutes = (np.arange(len(cost.memory)) + 1) * SECONDS / 60.0
+    axis.plot(minutes, 100.0 * (np.array(cost.taking) + np.array(cost.looking)) / SECONDS, label="share of a core, %")
+    axis.set(xlabel="minutes", ylabel="share of a core, %", ylim=(0.0, None))
+    other = axis.twinx()
+    other.plot(minutes, cost.memory, "--", color="C3")
+    other.set_ylabel("resident memory, MB", color="C3")
+    figure.tight_layout()
+    options.picture.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(options.picture, dpi=110)
+    plt.close(figure)
+
+
+EXPERIMENT = Experiment(
+    name="learning-speed",
+    question="What share of a core does learning take beside a full hall, and does its memory grow?",
+    kind="speed",
+    scenario="crowd",
+    seed=52,
+    run=run,
+    made="""Everything learning hears of 300 people and 100 phones under four cameras, for an hour of event time (90
+seconds of a world, told again and again), through the learning loop itself without a bus: processor time for messages
+and for looks, over event time. The tracks were made beforehand and are not counted. What candidates cost to be tried is
+fusion's process of low priority and not in it.""",
+    at_most={"core_share": 0.25},
+    picture="Share of a core and resident memory over the hour.",
+)
+
+
+def main() -> int:
+    """Run, print, write."""
+    return EXPERIMENT.main()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
