@@ -60,7 +60,7 @@ WITHIN = 1.1
 
 @dataclass(frozen=True)
 class Recovery:
-    """Squared errors of one area, m², summed over carriers in view, by window; and how many they are of.
+    """Errors of one area, m, summed over carriers in view and times, by window; and how many they are of.
 
     Attributes:
         count: (w,) how many.
@@ -128,32 +128,32 @@ def _recovery(teachers: WorldRecord, before: WorldRecord, after: WorldRecord) ->
     known = warmed_up(found, taught)
     teacher = Teacher(before.site, known, DEFAULT_TRACKER)
     learning, activated = live(after, DEFAULT_TRACKER, teacher)
-    count, unchanged = _squares(before, run_fusion(before, view=known).frames)
+    count, unchanged = _sums(before, run_fusion(before, view=known).frames)
     return Recovery(
         count=count,
         unchanged=unchanged,
-        frozen=_squares(after, run_fusion(after, view=known).frames)[1],
-        learning=_squares(after, learning)[1],
+        frozen=_sums(after, run_fusion(after, view=known).frames)[1],
+        learning=_sums(after, learning)[1],
         live=[t - float(after.truth.t[0]) for t in activated],
     )
 
 
-def _squares(record: WorldRecord, frames: Sequence[TrackFrame]) -> tuple[Array, Array]:
-    """Return the number of errors in each window, (w,), and the sum of their squares, m²."""
+def _sums(record: WorldRecord, frames: Sequence[TrackFrame]) -> tuple[Array, Array]:
+    """Return the number of errors in each window, (w,), and their sum, m; squares would be all about wrong names."""
     truth = record.truth
     place, seen = truth.position[:, truth.carriers()], truth.in_view[:, truth.carriers()]
     scored = seen & np.isfinite(place).all(axis=2)
     said = hold(named_positions(truth, frames), centre_of(record.view))
-    squared = np.where(scored, ((said - place) ** 2).sum(axis=2), 0.0).sum(axis=1)
+    error = np.where(scored, np.linalg.norm(said - place, axis=2), 0.0).sum(axis=1)
     window = np.floor((truth.t - truth.t[0] + 1e-6) / WINDOW).astype(np.int64)
-    count, total = (np.bincount(window, values).astype(np.float64) for values in (scored.sum(axis=1), squared))
+    count, total = (np.bincount(window, values).astype(np.float64) for values in (scored.sum(axis=1), error))
     return count, total
 
 
 def recovery_figures(areas: Sequence[Recovery]) -> dict[str, float | None]:
     """Return ``recovery_s``: seconds after the change from which on errors are within a tenth of those without one.
 
-    Of two minutes, and of all minutes that follow: one lucky minute is no recovery.
+    Of that minute, and in the mean of all that follow: one lucky minute is no recovery.
     """
     learned, frozen = ratios(areas)
     begin = round(CHANGED / WINDOW)
@@ -173,7 +173,7 @@ def ratios(areas: Sequence[Recovery]) -> tuple[Array, Array]:
     """Return (w,) errors with learning and without, as multiples of the errors where nothing changed."""
     total = np.sum([area.unchanged for area in areas], axis=0)
     learned, frozen = (np.sum([getattr(area, name) for area in areas], axis=0) for name in ("learning", "frozen"))
-    return np.sqrt(learned / np.maximum(total, 1e-9)), np.sqrt(frozen / np.maximum(total, 1e-9))
+    return learned / np.maximum(total, 1e-9), frozen / np.maximum(total, 1e-9)
 
 
 def draw_recovery(axis: Axes, areas: Sequence[Recovery]) -> None:
@@ -185,7 +185,7 @@ def draw_recovery(axis: Axes, areas: Sequence[Recovery]) -> None:
     axis.axvline(CHANGED / 60.0, color="0.5")
     axis.axhspan(0.0, WITHIN, color="0.92", zorder=0)
     axis.set(title="a wall is built, an access point moves", xlabel="minutes", ylim=(0.0, None))
-    axis.set_ylabel("RMSE, multiple of the unchanged site's")
+    axis.set_ylabel("mean error, multiple of the unchanged site's")
     axis.legend(loc="upper left", fontsize="small")
 
 

@@ -59,7 +59,7 @@ def test_lessons_are_held_against_what_the_truth_teaches() -> None:
 
 def recovery(ratio: list[float]) -> Recovery:
     same = np.ones(BEFORE + len(ratio))
-    learning = np.concatenate([np.ones(BEFORE), np.array(ratio) ** 2])
+    learning = np.concatenate([np.ones(BEFORE), np.array(ratio)])
     return Recovery(same, same, 4.0 * same, learning, [CHANGED + 90.0])
 
 
