@@ -72,13 +72,15 @@ def chosen_rate(rates: Sequence[float], scores: Sequence[float], active: float) 
         scores: of each.
         active: the rate in use.
     """
-    by_rate = {f"{rate:.6g}": score for rate, score in zip(rates, scores, strict=True)}
-    found = choose_detector(
-        {"learning_rate": active},
-        lambda options: by_rate.get(f"{options['learning_rate']:.6g}"),
-        lambda score: score,
-        (Sweep("learning_rate", rates),),
-    )
+
+    def redetect(options: Mapping[str, float]) -> Mapping[str, float]:
+        """Between two rates that were tried, the score is taken to lie on the line between them."""
+        return {"cqs": float(np.interp(math.log(options["learning_rate"]), np.log(rates), scores))}
+
+    def scored(told: Mapping[str, float]) -> Mapping[str, float]:
+        return told
+
+    found = choose_detector({"learning_rate": active}, redetect, scored, (Sweep("learning_rate", rates),))
     value = found.options.get("learning_rate", active)
     return int(np.argmin(np.abs(np.log(np.array(rates) / value))))
 

@@ -1,26 +1,32 @@
-"""How good an area's stretches are, under the radio model that is live there."""
+"""How good an area's stretches are, under the radio model that is live there, and how right its names."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import structlog
 
+from services.learning.accuracy.self_report import SelfReport
+from services.learning.cameras.camera_scores import CameraScores
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.quality import QualityJudge
 from services.learning.tracks.sight import SightScore
 from services.learning.tracks.stretch import Stretch
 from services.learning.tracks.verdict import Verdict
-from shared.messages import DetectionFrame, Message, RadioModelUpdate, TrackFrame
+from shared.messages import DetectionFrame, Message, MotionBatch, RadioModelUpdate, RadioScan, TrackFrame
 from shared.radio import PathLoss, RadioModelError, ShadowingMap, unpack_radio_model
 from shared.site import Site, camera_views
 
 __all__ = ["AreaJudge", "AreaSight"]
 
 log = structlog.get_logger(__name__)
+
+EVERY = 1.0
+"""Seconds between two looks at the names that have become old enough."""
 
 
 class AreaJudge:
@@ -36,12 +42,29 @@ class AreaJudge:
         self._site, self._area = site.site, area
         self._filed = PathLoss.of([point for point in site.access_points if point.floor == floor])
         self._judge = QualityJudge(len(self._filed.names))
+        self._names = SelfReport.of(site, area)
+        self._looked = -math.inf
         self._radio: PathLoss = self._filed
         self._shadowing: ShadowingMap | None = None
 
     def __call__(self, stretch: Stretch) -> Verdict:
         """Return what is thought of a stretch."""
         return self._judge.judge(stretch, self._radio, self._shadowing)
+
+    def watch(self, message: Message) -> None:
+        """Take in who was told to be where, and what phones say afterwards."""
+        match message:
+            case TrackFrame():
+                self._names.take_frame(message)
+                if not 0.0 <= message.t - self._looked < EVERY:
+                    self._looked = message.t
+                    self._names.judge(self._radio, self._shadowing, self._judge.belief)
+            case RadioScan():
+                self._names.take_scan(message)
+            case MotionBatch():
+                self._names.take_motion(message)
+            case _:
+                pass
 
     def activated(self, model: Message) -> None:
         """Judge under a radio model that went live."""
@@ -64,10 +87,11 @@ class AreaJudge:
     def forget(self, device: str) -> None:
         """Forget a phone whose owner withdrew consent."""
         self._judge.forget(device)
+        self._names.forget(device)
 
     def tell(self, draft: ReportDraft) -> None:
-        """Add how many stretches were good, and why the others were not."""
-        draft.area(self._area, tracks=self._judge.lessons())
+        """Add how many stretches were good, why the others were not, and how far off names are believed to be."""
+        draft.area(self._area, tracks=self._judge.lessons(), accuracy=self._names.report())
 
     def state(self) -> dict[str, Any]:
         """Return all it knows, as what ``msgspec.json`` encodes."""
@@ -79,10 +103,7 @@ class AreaJudge:
         Raises:
             ValueError: it is no such state; the judge is then unchanged.
         """
-        try:
-            self._judge.restore(state, self._radio, self._shadowing)
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"no state of a judge: {error}") from error
+        self._judge.restore(state)
 
 
 class AreaSight:
@@ -95,6 +116,9 @@ class AreaSight:
 
     def __init__(self, site: Site, area: str) -> None:
         self._score = SightScore(camera_views(site, area).each)
+        self._area = area
+        self._cameras = [camera.id for camera in site.cameras_of(area)]
+        self._kept = CameraScores(self._cameras)
 
     def take(self, frame: DetectionFrame) -> None:
         """Take in what one camera saw."""
@@ -102,4 +126,12 @@ class AreaSight:
 
     def score(self, frame: TrackFrame) -> Mapping[int, float]:
         """Return the nats by which cameras spoke for each track since the frame before."""
-        return self._score.score(frame)
+        sight = self._score.score(frame)
+        self._kept.take(frame, sight)
+        return sight
+
+    def tell(self, draft: ReportDraft) -> None:
+        """Add how well each camera's detections spoke for its tracks, over time."""
+        for camera in self._cameras:
+            t, score = self._kept.of(camera)
+            draft.camera(camera, self._area, score_t=t, score=score)

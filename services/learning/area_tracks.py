@@ -9,6 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from services.learning.lesson import Watching
 from services.learning.report_draft import ReportDraft, Telling
 from services.learning.tracks.assembler import StretchAssembler
 from services.learning.tracks.stretch import Stretch
@@ -107,6 +108,7 @@ class AreaTracks:
         match message:
             case TrackFrame() if message.area == self.area:
                 frame = erased.from_tracks(message)
+                self._watch(frame)
                 self._assembler.take_frame(frame, None if self._sight is None else self._sight.score(frame))
                 self.t = frame.t
             case Revision() if message.area == self.area:
@@ -115,12 +117,18 @@ class AreaTracks:
                 if self._sight is not None:
                     self._sight.take(message)
             case RadioScan():
+                self._watch(message)
                 self._assembler.take_scan(message)
             case MotionBatch():
+                self._watch(message)
                 self._assembler.take_motion(message)
             case _:
                 return False
         return True
+
+    def _watch(self, message: Message) -> None:
+        if isinstance(self._judge, Watching):
+            self._judge.watch(message)
 
     def close(self) -> list[Stretch]:
         """Return the stretches that ended and may teach, in order of device and time."""

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from services.learning.area_judge import AreaJudge, AreaSight
 from services.learning.area_tracks import AreaTracks
+from services.learning.cameras.alignment import AlignmentLessons
+from services.learning.cameras.detector_lessons import DetectorLessons
 from services.learning.lesson import Lesson
 from services.learning.maps.maps_learner import MapsLearner
+from services.learning.radio.lessons import RadioLessons
 from services.learning.tracks.assembler import StretchAssembler
+from services.learning.walking.clock_lessons import ClockLessons
 from services.learning.walking.heading_lessons import HeadingLessons
 from services.learning.walking.stride_lessons import StrideLessons
 from shared.site import Site
@@ -25,10 +32,14 @@ class Tools:
     Attributes:
         redetect: has a camera work its last minutes again with other detector options.
         rescore: has fusion of an area try a candidate.
+        executor: where that is waited for.
+        wait: waits some seconds, or until the process is told to stop.
     """
 
     redetect: Callable[[str, Mapping[str, float]], Mapping[str, Any]]
     rescore: Callable[[str, bytes], Mapping[str, Any]]
+    executor: Executor
+    wait: Callable[[float], object]
 
 
 def areas_of(site: Site, areas: Sequence[str]) -> dict[str, AreaTracks]:
@@ -43,8 +54,25 @@ def lessons_of(site: Site, areas: Sequence[str], tools: Tools) -> list[Lesson]:
         Lesson("stride", StrideLessons(areas[0]), everywhere),
         Lesson("heading", HeadingLessons(areas[0]), everywhere),
     ]
-    lessons += [Lesson(f"maps/{area}", MapsLearner(site, area), frozenset({area})) for area in areas]
+    for area in areas:
+        lessons += _lessons_of_area(site, area, tools)
     return lessons
+
+
+def _lessons_of_area(site: Site, area: str, tools: Tools) -> list[Lesson]:
+    here = frozenset({area})
+    cameras = site.cameras_of(area)
+    names = [camera.id for camera in cameras]
+    walkable = site.floor(site.area(area).floor).plan().walkable
+    hangs = {camera.id: np.asarray(camera.geometry.build().position) for camera in cameras}
+    detector = DetectorLessons(area, names, tools.redetect, tools.rescore, tools.executor, tools.wait)
+    return [
+        Lesson(f"radio/{area}", RadioLessons(site, area), here),
+        Lesson(f"detector/{area}", detector, here),
+        Lesson(f"alignment/{area}", AlignmentLessons(area, walkable, hangs), here),
+        Lesson(f"clocks/{area}", ClockLessons(area, names), here),
+        Lesson(f"maps/{area}", MapsLearner(site, area), here),
+    ]
 
 
 def _tracks_of(site: Site, area: str) -> AreaTracks:

@@ -28,7 +28,7 @@ class Lesson:
 
 @runtime_checkable
 class Watching(Protocol):
-    """A learner that wants messages beside stretches: frames, detections. None has to."""
+    """A learner or judge that wants messages beside stretches: frames, detections. None has to."""
 
     def watch(self, message: Message) -> None:
         """Take in a message of its areas, in the order in which it came; must be quick."""

@@ -26,6 +26,13 @@ class ReportDraft:
         """Tell fields of ``CameraLessons``."""
         self._cameras.setdefault(camera, {"camera": camera, "area": area}).update(fields)
 
+    def camera_words(self, camera: str, area: str, words: str) -> None:
+        """Add to what an operator should know of a camera; several learners may have something to say."""
+        if words:
+            self.camera(camera, area)
+            said = self._cameras[camera].get("words", "")
+            self._cameras[camera]["words"] = f"{said}; {words}" if said else words
+
     def device(self, device: str, **fields: Any) -> None:
         """Tell fields of ``DeviceLessons``."""
         self._devices.setdefault(device, {"device": device}).update(fields)

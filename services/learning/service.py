@@ -68,7 +68,7 @@ class LearningService(Service[LearningSettings]):
         if problem is not None:
             raise ServiceError(problem)
         areas = settings.areas or [area.id for area in site.areas]
-        tools = Tools(self._redetect, self._rescore)
+        tools = Tools(self._redetect, self._rescore, DaemonExecutor(), self.stopping.wait)
         self.loop = LearningLoop(
             areas_of(site, areas),
             lessons_of(site, areas, tools),

@@ -23,7 +23,7 @@ from services.fusion.rescore.significance import gain_error, rate_error
 from services.fusion.rescore.trial import LEAST_SCANS, Held, Paths, run_trial, score, withhold
 from services.fusion.tracker import Chunk
 
-__all__ = ["Answer", "DeviceAnswer", "Job", "SightAnswer", "answer", "by_radio", "rescore", "too_few"]
+__all__ = ["Answer", "DeviceAnswer", "Job", "SightAnswer", "answer", "by_radio", "judge", "rescore", "too_few"]
 
 NICE = 15
 
@@ -118,11 +118,11 @@ def _answer(question: bytes, chunks: Iterable[Chunk], view: AreaView, tracker: s
         asked = apply(read_candidate(question), view)
     except CandidateError as error:
         return Answer(error=str(error))
-    told = _judge(list(chunks), tracker, seed, asked)
+    told = judge(list(chunks), tracker, seed, asked)
     return msgspec.structs.replace(told, took=time.perf_counter() - began)
 
 
-def _judge(chunks: Sequence[Chunk], tracker: str, seed: int, asked: Asked) -> Answer:
+def judge(chunks: Sequence[Chunk], tracker: str, seed: int, asked: Asked) -> Answer:
     """Score the active model and the candidate."""
     held = withhold(chunks, asked.active.view.radio.names, asked.since, asked.until)
     if held.seconds <= 0.0 or (held.scans < LEAST_SCANS and not asked.sight):

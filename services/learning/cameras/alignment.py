@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from services.learning.cameras.blocked_places import BlockedPlaces, Walkable
 from services.learning.cameras.registration import REACH, Snapshot, explained, moved, register
 from services.learning.proposal import Proposal
+from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
 from shared.learning_report import ModelKind
 from shared.messages import CameraAlignment, DetectionFrame, Message
@@ -134,6 +135,18 @@ class AlignmentLessons:
                 kept.append(Snapshot(frame.t, ours[near.any(axis=1)], of_second[near.any(axis=0)]))
             while kept and kept[0].t < frame.t - KEPT:
                 kept.popleft()
+
+    def watch(self, message: Message) -> None:
+        """Take in what a camera saw; the rest is left out."""
+        if isinstance(message, DetectionFrame):
+            self.take_frame(message)
+
+    def tell(self, draft: ReportDraft) -> None:
+        """Add where each camera is believed to look."""
+        for camera in self.cameras:
+            found = self.reading(camera)
+            draft.camera(camera, self._area, alignment=found.state, offset=found.offset)
+            draft.camera_words(camera, self._area, found.words)
 
     def learn(self, stretch: Stretch) -> None:
         """Take in nothing: what cameras see of everybody says more than what they see of who carries a phone."""

@@ -14,6 +14,7 @@ import msgspec
 
 from services.learning.cameras.detector_choice import SWEEPS, DetectorChoice, choose_detector
 from services.learning.proposal import Proposal
+from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
 from shared.learning_report import ModelKind
 from shared.messages import DetectorSettings, Message
@@ -97,6 +98,12 @@ class DetectorLessons:
             self._active[model.camera] = dict(model.options)
             if self._running is not None and self._running[0] == model.camera:
                 self._running = None
+
+    def tell(self, draft: ReportDraft) -> None:
+        """Add the options in use, and what the last sweep of each camera found."""
+        for camera in self._cameras:
+            draft.camera(camera, self.area, options=dict(self._active.get(camera, {})))
+            draft.camera_words(camera, self.area, self.words.get(camera, ""))
 
     def state(self) -> dict[str, Any]:
         """Return when each camera was swept last; what is active is told anew after a restart."""

@@ -16,6 +16,7 @@ from services.learning.radio.evidence import RadioEvidence
 from services.learning.radio.hearing import RecentHearing
 from services.learning.radio.shifts import find_shifts
 from services.learning.radio.wording import silent_words
+from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
 from shared.learning_report import AccessPointFit, ModelKind
 from shared.messages import Message, RadioModelFile, RadioModelUpdate
@@ -96,6 +97,7 @@ class RadioLessons:
         self._reference: RadioFit | None = None
         self._suspects: dict[int, float] = {}
         self._numbers = 0
+        self._heard = -np.inf
         self._taught, self._proposed, self._reviewed = -np.inf, -np.inf, -np.inf
 
     @property
@@ -106,6 +108,7 @@ class RadioLessons:
     def learn(self, stretch: Stretch) -> None:
         """Take in a stretch that may teach."""
         self._evidence.take(stretch)
+        self._heard = max(self._heard, float(stretch.t[-1]))
         if len(stretch.scan_t):
             self._hearing.take(stretch, self._expected(stretch.scan_place)[0])
 
@@ -199,6 +202,13 @@ class RadioLessons:
         error = self._error(recent, np.nan_to_num(offset))
         error = np.where(np.isnan(offset[recent.device]), _own_offsets(recent, error), error)
         return [self._fit_of(point, error[recent.point == point], now) for point in range(len(self.points))]
+
+    def tell(self, draft: ReportDraft) -> None:
+        """Add how access points stand, and by how much phones hear more than others."""
+        if np.isfinite(self._heard):
+            draft.area(self.area, access_points=self.fits(self._heard))
+        for device, offset in self._offsets.items():
+            draft.device(device, radio_offset=offset)
 
     def state(self) -> dict[str, Any]:
         """Return all it knows."""

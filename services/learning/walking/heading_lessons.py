@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.learning.proposal import Proposal
+from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
 from services.learning.walking.held_out import gain_of
 from services.learning.walking.runs import runs_of
@@ -133,6 +134,11 @@ class HeadingLessons:
             return {"heading_bias": None, "heading_error": None}
         found = bias_of(_angles(rows), rows[:, RUNS])
         return {"heading_bias": found.mean, "heading_error": math.sqrt(found.error)}
+
+    def tell(self, draft: ReportDraft) -> None:
+        """Add what is known of each phone."""
+        for device in self.devices:
+            draft.device(device, **self.lesson(device))
 
     @property
     def devices(self) -> list[str]:

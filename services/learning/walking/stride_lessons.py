@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.learning.proposal import Proposal
+from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
 from services.learning.walking.held_out import Gain, gain_of
 from services.learning.walking.runs import STEPS, runs_of
@@ -123,6 +124,11 @@ class StrideLessons:
         elif active is not None and used:
             told |= {"slope": active.slope, "offset": active.offset}
         return told
+
+    def tell(self, draft: ReportDraft) -> None:
+        """Add what is known of each phone."""
+        for device in self.devices:
+            draft.device(device, **self.lesson(device))
 
     @property
     def devices(self) -> list[str]:

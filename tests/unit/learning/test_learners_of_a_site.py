@@ -11,12 +11,15 @@ from services.learning.activation.gate import Gate
 from services.learning.activation.store import Decided, ModelStore
 from services.learning.learners import Tools, areas_of, lessons_of
 from services.learning.loop import LearningLoop, _plain
+from services.learning.trials import Inline
 from shared.erased import Erased
 from shared.messages import Message, RadioModelUpdate
 from shared.site import Site, load_site
 
 POINTS = [f"ap-{number}" for number in range(1, 7)]
-NOBODY = Tools(lambda *_: {"error": "camera away"}, lambda *_: {"error": "fusion of area hall away"})
+NOBODY = Tools(
+    lambda *_: {"error": "camera away"}, lambda *_: {"error": "fusion of area hall away"}, Inline(), lambda _: None
+)
 
 
 @pytest.fixture(scope="module")
