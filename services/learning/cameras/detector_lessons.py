@@ -130,7 +130,7 @@ class DetectorLessons:
 
     def _sweep(self, camera: str, active: Mapping[str, float]) -> tuple[DetectorChoice, float]:
         """Return what a sweep finds, and the time of the newest picture; runs in a thread of its own."""
-        begin = self._asked(lambda: self._redetect(camera, active))
+        begin = self._asked(lambda: _checked(camera, self._redetect(camera, active)))
         if "error" in begin:
             return DetectorChoice(refused=str(begin["error"])), 0.0
         in_use = {sweep.option: begin["options"].get(sweep.option, 0.0) for sweep in SWEEPS}
@@ -139,7 +139,7 @@ class DetectorLessons:
         def redetect(options: Mapping[str, float]) -> Mapping[str, Any] | None:
             if all(begin["options"][name] == value for name, value in options.items()):
                 return begin
-            told = self._asked(lambda: self._redetect(camera, {**active, **options}))
+            told = self._asked(lambda: _checked(camera, self._redetect(camera, {**active, **options})))
             # Other pictures cannot be compared.
             same = "error" not in told and (told["since"], told["until"]) == (begin["since"], begin["until"])
             return told if same else None
@@ -163,3 +163,23 @@ class DetectorLessons:
             self._wait(PAUSE)
             told = ask()
         return told
+
+
+class _Redetected(msgspec.Struct, frozen=True):
+    """What is read of a camera's answer."""
+
+    frames: list[Any]
+    since: float
+    until: float
+    options: dict[str, float]
+
+
+def _checked(camera: str, told: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a camera's answer, or an ``error`` in its place where it is none."""
+    if "error" in told:
+        return told
+    try:
+        msgspec.convert(told, _Redetected)
+    except msgspec.ValidationError as error:
+        return {"error": f"what camera {camera} answers is not understood: {error}"}
+    return told

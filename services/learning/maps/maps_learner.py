@@ -13,7 +13,7 @@ from services.learning.tracks.stretch import Stretch
 from shared.learning_command import LearningAnswer, LearningCommand
 from shared.learning_report import ModelKind
 from shared.messages import Message, RadioModelUpdate, TrackFrame
-from shared.radio.radio_model import RadioModel, unpack_radio_model
+from shared.radio.radio_model import RadioModel, RadioModelError, unpack_radio_model
 from shared.site import Site
 
 __all__ = ["MapsLearner"]
@@ -65,9 +65,16 @@ class MapsLearner:
         return ()
 
     def activated(self, model: Message) -> None:
-        """From now on pictures of radio are of this model; ValueError: it is none of this area."""
-        if isinstance(model, RadioModelUpdate) and model.area == self._area:
+        """From now on pictures of radio are of this model; one that does not fit the site is passed over.
+
+        Such a one is live where access points were added to the site file since: fusion does not use it either.
+        """
+        if not isinstance(model, RadioModelUpdate) or model.area != self._area:
+            return
+        try:
             self._model = None if model.model is None else unpack_radio_model(model.model, self._site, self._names)
+        except RadioModelError:
+            self._model = None
 
     def map(self, command: LearningCommand) -> LearningAnswer | None:
         """Answer an order for a map; None where it is of another area."""

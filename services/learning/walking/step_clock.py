@@ -89,14 +89,17 @@ class StepClock:
 
     def take_motion(self, batch: MotionBatch) -> None:
         """Take in a phone's steps, also those before and after its stretches: a lag moves them in and out."""
-        steps = self._steps.setdefault(batch.device, [])
+        steps = self._steps.pop(batch.device, [])
         if batch.revises_from is not None:
             del steps[bisect_left(steps, (batch.revises_from,)) :]
         for row in zip(batch.step_t, batch.length, strict=True):
             insort(steps, row)
         del steps[: bisect_left(steps, (batch.t - MEMORY,))]
-        if not steps:
-            del self._steps[batch.device]
+        if steps:
+            self._steps[batch.device] = steps
+        # Who left tells nothing any more; the longest silent ones stand first.
+        while self._steps and next(iter(self._steps.values()))[-1][0] < batch.t - MEMORY:
+            del self._steps[next(iter(self._steps))]
 
     def forget(self, device: str) -> None:
         """Forget a device's steps; sums over many people stay."""

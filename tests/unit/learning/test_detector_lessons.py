@@ -171,3 +171,15 @@ def test_who_is_busy_is_asked_again_and_other_refusals_are_told() -> None:
         executor.run()
         assert learner.propose(1020.0, 900.0) == ()
         assert told in learner.words["door"]
+
+
+@pytest.mark.parametrize("answer", [{}, {"frames": [], "since": 1.0, "until": 2.0, "options": "many"}])
+def test_what_is_no_answer_of_a_camera_is_told_and_changes_nothing(answer: Mapping[str, Any]) -> None:
+    executor = Later()
+    learner = DetectorLessons("hall", ["door"], lambda *_: answer, Site().rescore, executor, lambda _: None)
+    for _ in range(FEWEST):
+        learner.learn(WALK)
+    learner.propose(1000.0, 900.0)
+    executor.run()
+    assert learner.propose(1020.0, 900.0) == ()
+    assert learner.words["door"].startswith("what camera door answers is not understood")

@@ -225,6 +225,10 @@ def test_a_learner_of_maps_watches_learns_and_answers(project: Path) -> None:
     )
     maps.activated(RadioModelUpdate(t=0.0, area="hall", version=1, model=pack_radio_model(model)))
     assert asked(maps, "shadowing", "ap-1").map is not None
+    file = msgspec.structs.replace(pack_radio_model(model), site="elsewhere")
+    maps.activated(RadioModelUpdate(t=0.5, area="hall", version=1, model=file))
+    assert asked(maps, "shadowing", "ap-1").map is None, "fusion does not use a model that does not fit either"
+    maps.activated(RadioModelUpdate(t=0.0, area="hall", version=1, model=pack_radio_model(model)))
     maps.activated(RadioModelUpdate(t=1.0, area="hall", version=2))
     assert asked(maps, "shadowing", "ap-1").map is None
     refused = asked(maps, "radio", "ap-99")

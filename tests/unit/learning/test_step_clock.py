@@ -96,3 +96,16 @@ def test_memory_is_bounded_and_a_device_is_forgotten() -> None:
     assert min(t for t, _ in clock._steps["phone"]) > T0 + 200.0
     clock.forget("phone")
     assert not clock._steps
+
+
+def test_whoever_left_is_not_remembered() -> None:
+    clock = StepClock()
+    for visitor in range(200):
+        begin = T0 + 60.0 * visitor
+        clock.take_motion(
+            MotionBatch(
+                t=begin + 1.0, t_start=begin, device=f"phone-{visitor}", seq=0, activity="walking", step_t=[begin],
+                length=[0.7], length_variance=[0.04], heading=[0.0], heading_variance=[1.0],
+            )
+        )  # fmt: skip
+    assert sorted(clock._steps) == ["phone-198", "phone-199"]
