@@ -100,6 +100,8 @@ class AreaTracks:
         self._cameras = frozenset(cameras)
         self._assembler = assembler
         self._judge = judge
+        # Asked once: it is much slower than what is asked then, for every message.
+        self._watching = judge if isinstance(judge, Watching) else None
         self._sight = sight
         self._verdicts: deque[Verdict] = deque(maxlen=REMEMBERED)
 
@@ -127,8 +129,8 @@ class AreaTracks:
         return True
 
     def _watch(self, message: Message) -> None:
-        if isinstance(self._judge, Watching):
-            self._judge.watch(message)
+        if self._watching is not None:
+            self._watching.watch(message)
 
     def close(self) -> list[Stretch]:
         """Return the stretches that ended and may teach, in order of device and time."""

@@ -134,6 +134,7 @@ class DetectorLessons:
         if "error" in begin:
             return DetectorChoice(refused=str(begin["error"])), 0.0
         in_use = {sweep.option: begin["options"].get(sweep.option, 0.0) for sweep in SWEEPS}
+        anybody = _shows_anybody(begin)
         sweeps = [sweep for sweep in SWEEPS if in_use[sweep.option] > 0.0]  # a detector of one's own has others
 
         def redetect(options: Mapping[str, float]) -> Mapping[str, Any] | None:
@@ -142,6 +143,8 @@ class DetectorLessons:
             told = self._asked(lambda: _checked(camera, self._redetect(camera, {**active, **options})))
             # Other pictures cannot be compared.
             same = "error" not in told and (told["since"], told["until"]) == (begin["since"], begin["until"])
+            nonlocal anybody
+            anybody = anybody or (same and _shows_anybody(told))
             return told if same else None
 
         def score(told: Mapping[str, Any]) -> Mapping[str, float] | None:
@@ -152,7 +155,13 @@ class DetectorLessons:
                 return None
             return {"cqs": sight["candidate"], "error": sight.get("gain_error") or 0.0}
 
-        return choose_detector(in_use, redetect, score, sweeps), float(begin["until"])
+        choice = choose_detector(in_use, redetect, score, sweeps)
+        if not anybody:
+            words = (
+                f"camera {camera} sees nobody in its last pictures, whatever its options: does it look into the room?"
+            )
+            choice = DetectorChoice(refused=words)
+        return choice, float(begin["until"])
 
     def _asked(self, ask: Callable[[], Mapping[str, Any]]) -> Mapping[str, Any]:
         """Return an answer; who is busy is asked again."""
@@ -168,10 +177,14 @@ class DetectorLessons:
 class _Redetected(msgspec.Struct, frozen=True):
     """What is read of a camera's answer."""
 
-    frames: list[Any]
+    frames: list[dict[str, Any]]
     since: float
     until: float
     options: dict[str, float]
+
+
+def _shows_anybody(told: Mapping[str, Any]) -> bool:
+    return any(frame.get("x") for frame in told["frames"])
 
 
 def _checked(camera: str, told: Mapping[str, Any]) -> Mapping[str, Any]:

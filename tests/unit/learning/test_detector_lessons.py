@@ -80,7 +80,12 @@ class Site:
         self.asked.append((camera, dict(options)))
         self.until += self.moves
         used = {"learning_rate": 0.003, "sensitivity": 16.0, "least_gain": 0.1, **options}
-        return {"frames": [{"camera": camera, **used}], "since": 600.0, "until": self.until, "options": used}
+        return {
+            "frames": [{"camera": camera, "x": [1.0], **used}],
+            "since": 600.0,
+            "until": self.until,
+            "options": used,
+        }
 
     def rescore(self, area: str, question: bytes) -> Mapping[str, Any]:
         asked = msgspec.json.decode(question)
