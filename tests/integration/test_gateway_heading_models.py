@@ -15,6 +15,7 @@ from services.gateway.phones.phone import Phone
 from services.gateway.phones.phone_book import PhoneBook
 from services.gateway.protocol import Batch, RadioReadings
 from services.gateway.reckoning.dead_reckoning import DeadReckoner
+from services.learning.activation.kinds import as_configured
 from shared.bus import Bus
 from shared.keys import Keys
 from shared.messages import HeadingModel, InertialColumns, MotionBatch, StrideModel
@@ -57,6 +58,14 @@ def test_headings_are_turned_back_and_never_surer_than_the_phone_itself_is(varia
                 assert math.cos(was - 3.0 - now) == pytest.approx(1.0)
         assert other.heading_variance == pytest.approx([v + more for v in one.heading_variance])
         assert other.length == one.length
+
+
+def test_a_model_taken_back_leaves_headings_as_the_phone_told_them() -> None:
+    plain, taken_back = Phone("d-1", {}, "hand"), Phone("d-1", {}, "hand")
+    model = as_configured("heading", "d-1", 0.0)
+    assert isinstance(model, HeadingModel)
+    taken_back.turned = model
+    assert steps_of(plain) == steps_of(taken_back)
 
 
 def test_a_gateway_that_starts_later_learns_of_it_and_forgets_it_with_the_device(

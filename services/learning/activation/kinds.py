@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import msgspec
@@ -38,8 +37,6 @@ SUBJECT: dict[ModelKind, str] = {
 PERSONAL: frozenset[ModelKind] = frozenset({"stride", "heading"})
 """Of one visitor's phone: gone when it withdraws, and not exported unless asked for."""
 UNIT = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-ANY_HEADING = math.pi**2 / 3.0
-"""rad²; all directions alike."""
 
 
 def kind_of(model: Message) -> ModelKind:
@@ -92,4 +89,5 @@ def as_configured(kind: ModelKind, subject: str, t: float) -> Message:
             # All zeros stand for somebody of whom nothing is known (shared.walking.StrideLine).
             return StrideModel(t=t, device=subject, version=0, slope=0.0, offset=0.0, scale_variance=0.0)
         case "heading":
-            return HeadingModel(t=t, device=subject, version=0, bias=0.0, variance=ANY_HEADING)
+            # Nought adds nothing to what the phone itself says of its headings.
+            return HeadingModel(t=t, device=subject, version=0, bias=0.0, variance=0.0)

@@ -35,6 +35,8 @@ FLIPPED = math.radians(75.0)
 """Beyond it a phone's heading is that of the wrong side of a pocket, or the track somebody else's: no bias."""
 PAUSE = 120.0
 """Seconds; gateways that start anew count walks anew."""
+MIXED = 300.0
+"""Seconds before a model went live: stretches of that time are told later, nobody knows under which model."""
 LEAST_WALKS = 5
 MOST_WALKS = 60
 MOST_DEVICES = 1000
@@ -87,9 +89,11 @@ class HeadingLessons:
         """Take in how its runs of steps were turned against the track."""
         runs = runs_of(stretch)
         known = np.isfinite(runs.turned) & (np.abs(runs.turned) < FLIPPED)
+        model = self._models.get(stretch.device)
+        if model is not None:
+            known &= (runs.t >= model.t) | (runs.t < model.t - MIXED)
         if not known.any():
             return
-        model = self._models.get(stretch.device)
         taken_off = 0.0 if model is None else model.bias
         rows = self._rows.pop(stretch.device, np.empty((0, 5))).copy()
         for t, turned, walk in zip(runs.t[known], runs.turned[known] + taken_off, runs.walk[known], strict=True):

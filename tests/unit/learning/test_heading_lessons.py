@@ -46,6 +46,17 @@ def test_what_is_taken_off_already_is_not_taken_off_again() -> None:
     assert lessons.lesson("phone")["heading_bias"] == pytest.approx(before, abs=math.radians(4.0))
 
 
+def test_what_was_said_before_a_model_went_live_is_not_taken_for_what_was_said_under_it() -> None:
+    lessons = taught(20.0, 2.0, 1)
+    [proposal] = lessons.propose(2000.0, 1500.0)
+    lessons.activated(msgspec.structs.replace(proposal.model, t=3000.0))
+    before, rng = lessons.state()["devices"]["phone"]["rows"], np.random.default_rng(9)
+    lessons.learn(walked(rng, 2950.0, turned=math.radians(20.0), walk=100))
+    assert lessons.state()["devices"]["phone"]["rows"] == before
+    lessons.learn(walked(rng, 3000.0, turned=0.0, walk=100))
+    assert len(lessons.state()["devices"]["phone"]["rows"]) == len(before) + 1
+
+
 def test_biases_either_side_of_half_a_turn_do_not_cancel_and_flips_are_outliers() -> None:
     runs = np.full(8, 3.0)
     assert bias_of(np.full(8, math.radians(20.0)), runs).mean == pytest.approx(math.radians(20.0), abs=0.06)
