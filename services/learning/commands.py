@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 import msgspec
 
 from services.learning.activation.bundle import BundleError, Renaming, pack, unpack
+from services.learning.activation.kinds import PERSONAL
 from services.learning.activation.store import Decided, NoSuchModelError, StoredModel
 from services.learning.loop import LearningLoop
 from shared.learning_command import LearningAnswer, LearningCommand, ModelLine
@@ -127,6 +128,10 @@ class Commands:
             incoming = unpack(bytes(command.bundle), self._site, names)
         except BundleError as error:
             raise _RefusedError(str(error), error.field) from error
+        everything = len(incoming)
+        incoming = [one for one in incoming if not (one.kind in PERSONAL and self._loop.has_forgotten(one.subject))]
+        if not incoming:
+            raise _RefusedError("bundle.models: found phones alone whose owners withdrew consent", "bundle")
         who = f" ({command.by})" if command.by else ""
         taken = self._loop.store.take_in_all(
             [(one.model, one.kind, one.subject, one.area) for one in incoming],
@@ -137,7 +142,9 @@ class Commands:
                 self._loop.put_live(model, now, f"{model.reason}; activated by hand, untried")
         fate = "live now, untried" if command.force else "live once they win against what is (`atrium models list`)"
         told = ", ".join(f"{model.kind} of {model.subject}" for model in taken)
-        return LearningAnswer(done=True, words=f"{len(taken)} models taken in, {fate}: {told}")
+        without = everything - len(incoming)
+        left = f"; {without} left out: the phones' owners withdrew consent" if without else ""
+        return LearningAnswer(done=True, words=f"{len(taken)} models taken in, {fate}: {told}{left}")
 
     def _map(self, command: LearningCommand) -> LearningAnswer:
         known = list(self._loop.areas)

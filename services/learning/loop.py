@@ -315,6 +315,10 @@ class LearningLoop:
             return "waits: nobody with a phone has walked where cameras see well enough to teach"
         return "learns"
 
+    def has_forgotten(self, device: str) -> bool:
+        """Whether a phone's owner withdrew consent."""
+        return device in self._erased
+
     def _live(self, key: Key) -> int:
         live = self.store.active(*key)
         return 0 if live is None else live.version

@@ -15,7 +15,7 @@ from services.learning.activation.store import Decided, ModelStore
 from services.learning.commands import Commands
 from services.learning.loop import LearningLoop
 from shared.learning_command import LearningAnswer
-from shared.messages import DetectorSettings, Message, RadioModelUpdate
+from shared.messages import DetectorSettings, Erasure, Message, RadioModelUpdate
 from shared.site import Site, load_site
 
 POINTS = [f"ap-{number}" for number in range(1, 7)]
@@ -125,6 +125,7 @@ class Museum:
             lambda *_: {"error": "busy"},
             self.sent.append,
         )
+        self.loop = loop
         self.commands = Commands(loop, site)
 
     def order(self, **fields: Any) -> LearningAnswer:
@@ -143,6 +144,19 @@ def test_an_import_waits_for_the_gate_unless_it_is_forced(store: ModelStore, sit
     assert here.order(do="import", bundle=bundle, force=True).done
     assert {type(one).__name__ for one in here.sent} == {"DetectorSettings", "RadioModelUpdate"}
     assert {one.state for one in here.store.models()} == {"active"}
+
+
+def test_an_older_backup_brings_nobody_back_who_withdrew(store: ModelStore, site: Site) -> None:
+    here = Museum(site, store)
+    backup = json.loads(bytes(here.order(do="export", personal=True).bundle))
+    here.loop.take(Erasure(t=90.0, device="d-1"))
+    answer = here.order(do="import", bundle=backup, force=True)
+    assert answer.done
+    assert "1 left out: the phones' owners withdrew consent" in answer.words
+    assert {one.kind for one in store.models()} == {"detector", "radio"}
+    backup["models"] = [one for one in backup["models"] if one["kind"] == "stride"]
+    answer = here.order(do="import", bundle=backup)
+    assert (answer.done, answer.field) == (False, "bundle")
 
 
 def test_an_import_that_is_refused_stores_nothing(document: dict[str, Any], site: Site) -> None:
