@@ -1,4 +1,5 @@
-"""All of learning at once on what it must not learn from: nothing of it goes live, and plain words say why.
+"""All of learning at once on what it must not learn from, and whom it must forget: nothing of it goes live, and plain
+words say why.
 
 Every learner, the judge of stretches, the gate and the store are the real ones; candidates are tried by fusion's own
 ``rescore`` where one gets so far.
@@ -11,10 +12,13 @@ import numpy as np
 import pytest
 from fusion_world import make_site
 from learning_hall import T0, Hall, Run, learn, with_radio_of
+from msgspec.json import encode
 from msgspec.structs import replace
+from traces import traces
 
 from services.learning.tracks.verdict import Verdict
-from shared.messages import DetectionFrame, Message, RadioScan, TrackFrame
+from shared.erased import Erased
+from shared.messages import DetectionFrame, Erasure, Message, RadioScan, TrackFrame
 from shared.site import Site
 
 LATELY = "this phone's radio was wrong too often lately"
@@ -127,3 +131,20 @@ def test_a_camera_turned_to_a_wall_keeps_its_options_and_is_told_of(faulty: Run)
         "west": "camera west sees nobody in its last pictures, whatever its options: does it look into the room?",
         "east": "",
     }
+
+
+def test_nothing_of_a_phone_stays_once_its_owner_withdrew(site: Site, messages: list[Message]) -> None:
+    run = learn(site, [message for message in messages if message.t < T0 + 90.0])
+    loop = run.loop
+    assert len(traces(loop, "phone-2", (Erased,))) > 5
+    loop.save(run.end)
+    assert any(b"phone-2" in state for state in loop.store.states().values())
+    loop.take(Erasure(t=run.end, device="phone-2"))
+    assert traces(loop, "phone-2", (Erased,)) == []
+    loop.look(run.end + 1.0)
+    assert not any(b"phone-2" in state for state in loop.store.states().values())
+    assert b"phone-2" not in encode(loop.report(run.end))
+    for message in messages:
+        if message.t >= T0 + 90.0 and message.t < T0 + 100.0:
+            loop.take(message)
+    assert traces(loop, "phone-2", (Erased,)) == [], "what is still under way brings nobody back"
