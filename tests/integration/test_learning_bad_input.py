@@ -53,7 +53,13 @@ def faulty(site: Site, messages: list[Message]) -> Run:
 
     def redetect(_: str, options: Mapping[str, float]) -> Mapping[str, Any]:
         empty: list[dict[str, Any]] = [{"x": []}, {"x": []}]
-        return {"frames": empty, "since": 1.0, "until": 60.0, "options": {"learning_rate": 0.01, **options}}
+        told = {
+            "frames": empty,
+            "since": 1.0,
+            "until": 60.0,
+            "alignment": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        }
+        return {**told, "options": {"learning_rate": 0.01, **options}}
 
     return learn(site, messages, change, redetect=redetect)
 
