@@ -90,12 +90,16 @@ def good_stretches(record: WorldRecord, run: FusionRun, view: AreaView) -> list[
     return [stretch for stretch, verdict in stretches_of(record, run, view) if verdict.good]
 
 
-def learned_radio(stretches: Iterable[Stretch], site: Site, view: AreaView) -> AreaView:
-    """Return the view with the radio that stretches teach; as it was where they teach too little."""
+def learned_radio(
+    stretches: Iterable[Stretch], site: Site, view: AreaView, doubtful: Iterable[Stretch] = ()
+) -> AreaView:
+    """Return the view with the radio that stretches, also ``doubtful`` ones, teach; as it was if that is too little."""
     lessons = RadioLessons(site, view.area)
     end = -math.inf
-    for stretch in stretches:
-        lessons.learn(stretch)
+    taken = [(stretch, lessons.learn) for stretch in stretches]
+    taken += [(stretch, lessons.learn_doubtful) for stretch in doubtful]
+    for stretch, take in sorted(taken, key=lambda pair: float(pair[0].t[-1])):
+        take(stretch)
         end = max(end, float(stretch.t[-1]))
     for proposal in lessons.propose(end, end):
         if isinstance(proposal.model, RadioModelUpdate):

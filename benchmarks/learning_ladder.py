@@ -127,7 +127,8 @@ def climb_split(record: WorldRecord, seen: Seen, split: Split, tracker: str) -> 
     run = run_fusion(training, tracker, view=found)
     judged = list(stretches_of(training, run, found))
     good = [stretch for stretch, verdict in judged if verdict.good]
-    view = learned_radio(good, record.site, found)
+    doubtful = [stretch for stretch, verdict in judged if verdict.doubtful]
+    view = learned_radio(good, record.site, found, doubtful)
     strides = learned_strides(good, record.area)
     perfect = [stretch for stretch, _ in stretches_of(training, true_run(training), found)]
     tracks = [

@@ -132,16 +132,17 @@ class AreaTracks:
         if self._watching is not None:
             self._watching.watch(message)
 
-    def close(self) -> list[Stretch]:
-        """Return the stretches that ended and may teach, in order of device and time."""
-        good = []
+    def close(self) -> list[tuple[Stretch, Verdict]]:
+        """Return the stretches that ended and may teach, also those that are in doubt, in order of device and time."""
+        may_teach = []
         for stretch in self._assembler.close():
             verdict = self._judge(stretch)
             self._verdicts.append(verdict)
             if verdict.good:
-                good.append(stretch)
                 self.taught = max(self.taught, float(stretch.t[-1]))
-        return good
+            if verdict.good or verdict.doubtful:
+                may_teach.append((stretch, verdict))
+        return may_teach
 
     def forget(self, device: str) -> None:
         """Forget a device whose owner withdrew consent."""

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from services.learning.proposal import Learner
+from services.learning.tracks.stretch import Stretch
 from shared.messages import Message
 
-__all__ = ["Lesson", "Watching"]
+__all__ = ["Lesson", "Watching", "Weighing"]
 
 
 @dataclass(frozen=True)
@@ -32,4 +33,13 @@ class Watching(Protocol):
 
     def watch(self, message: Message) -> None:
         """Take in a message of its areas, in the order in which it came; must be quick."""
+        ...
+
+
+@runtime_checkable
+class Weighing(Protocol):
+    """A learner that can do with names that are often wrong, and wants to be told more for it. None has to."""
+
+    def learn_doubtful(self, stretch: Stretch) -> None:
+        """Take in a stretch that is too short or too much like others' to be sure of, in order like the sure ones."""
         ...

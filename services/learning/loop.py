@@ -21,7 +21,7 @@ from services.learning.activation.kinds import PERSONAL, kind_of, subject_of
 from services.learning.activation.questions import question_of
 from services.learning.activation.store import Decided, ModelStore, StoredModel
 from services.learning.area_tracks import AreaTracks
-from services.learning.lesson import Lesson, Watching
+from services.learning.lesson import Lesson, Watching, Weighing
 from services.learning.proposal import Learner, Proposal
 from services.learning.report_draft import ReportDraft, Telling
 from services.learning.trials import Ask, Candidate, Inline, Key, Pace, Trials, key_of
@@ -128,10 +128,14 @@ class LearningLoop:
     def look(self, now: float) -> None:
         """Do what is due at ``now``, seconds since the epoch."""
         for area in self.areas.values():
-            for stretch in area.close():
+            for stretch, verdict in area.close():
                 for lesson in self.lessons:
-                    if area.area in lesson.areas:
+                    if area.area not in lesson.areas:
+                        continue
+                    if verdict.good:
                         lesson.learner.learn(stretch)
+                    elif isinstance(lesson.learner, Weighing):
+                        lesson.learner.learn_doubtful(stretch)
         self._finish(now)
         if not self._trials.busy:
             self._begin_trial(now)

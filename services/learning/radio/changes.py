@@ -142,7 +142,7 @@ class Changes:
         return True
 
     def _locate(self, point: int, since: float, evidence: RadioEvidence, reference: RadioFit) -> Whereabouts | None:
-        visits, _, _ = evidence.visits(since=since)
+        visits, _, _ = evidence.visits(since=since, sure=True)
         mine = visits.where(visits.point == point)
         if len(mine) < FEWEST:
             return None

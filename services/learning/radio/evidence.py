@@ -28,6 +28,10 @@ NEWEST = 16
 """Of a spot and access point, to begin with."""
 FEWEST = 4
 """Scans of a stretch; fewer teach nothing, because too often the name was a guess."""
+DOUBTFUL = 0.4
+"""How much a visit counts whose name is in doubt. Stretches are sure where the radio is as expected already: those
+alone would draw the map least where it is needed most. Of the others two thirds are right, and what is far off counts
+for little anyhow."""
 QUIET = 600.0
 """Seconds: a night or a day without anybody ages evidence by no more, for it is the world that ages it."""
 COLUMNS = ("t", "age", "device", "point", "x", "y", "level", "weight", "kept")
@@ -56,7 +60,7 @@ class RadioEvidence:
         """How many visits are kept."""
         return len(self._rows)
 
-    def take(self, stretch: Stretch) -> Visits:
+    def take(self, stretch: Stretch, *, doubtful: bool = False) -> Visits:
         """Take in a stretch; returns its visits, phones numbered as in ``devices``."""
         known = (stretch.point >= 0) & (stretch.point < self._points)
         times, first, scan = np.unique(stretch.scan_t, return_index=True, return_inverse=True)
@@ -75,16 +79,21 @@ class RadioEvidence:
         )  # fmt: skip
         age = np.array([self._aged(t) for t in visits.t.tolist()])
         columns = (visits.t, age, visits.device, visits.point, *visits.place.T, visits.level, visits.weight)
-        self._rows = np.concatenate([self._rows, np.column_stack([*columns, np.ones(len(visits))])])
+        self._rows = np.concatenate(
+            [self._rows, np.column_stack([*columns, np.full(len(visits), DOUBTFUL if doubtful else 1.0)])]
+        )
         if len(self._rows) > MOST:
             self._thin()
         return visits
 
-    def visits(self, since: float = -np.inf, until: float = np.inf) -> tuple[Visits, Array, Array]:
+    def visits(
+        self, since: float = -np.inf, until: float = np.inf, *, sure: bool = False
+    ) -> tuple[Visits, Array, Array]:
         """Return the visits after ``since`` and up to ``until``, how old each is in seconds, and (n,) 0 to 1 how much
-        of it stays after what changed.
+        it counts: less where its name was in doubt, and after what changed; ``sure``: without those in doubt.
         """
-        rows = self._rows[(self._rows[:, 0] > since) & (self._rows[:, 0] <= until)]
+        during = (self._rows[:, 0] > since) & (self._rows[:, 0] <= until)
+        rows = self._rows[during & (self._rows[:, 8] > DOUBTFUL) if sure else during]
         newest = float(rows[:, 1].max(initial=0.0))
         return _visits(rows), newest - rows[:, 1], rows[:, 8]
 

@@ -112,6 +112,10 @@ class RadioLessons:
         if len(stretch.scan_t):
             self._hearing.take(stretch, self._expected(stretch.scan_place)[0])
 
+    def learn_doubtful(self, stretch: Stretch) -> None:
+        """Take in a stretch whose name is in doubt; it draws the map, but says nothing of changes."""
+        self._evidence.take(stretch, doubtful=True)
+
     def forget(self, device: str) -> None:
         """Forget a device; what many phones taught together stays."""
         self._evidence.forget(device)
@@ -181,7 +185,7 @@ class RadioLessons:
         if self._reference is None or self._numbers != self._evidence.renumbered:
             self._reference = self._refit(now - settings.recent)
             return
-        recent, _, _ = self._evidence.visits(since=now - settings.recent)
+        recent, _, _ = self._evidence.visits(since=now - settings.recent, sure=True)
         error = _own_offsets(recent, self._error(recent, self._reference.offset, self._reference.model))
         rows = np.arange(len(recent))
         unknown = self._reference.model.shadowing.at(recent.place)[1][rows, recent.point]
@@ -197,7 +201,7 @@ class RadioLessons:
 
     def fits(self, now: float) -> list[AccessPointFit]:
         """Return how each access point stands."""
-        recent, _, _ = self._evidence.visits(since=now - 2.0 * self._settings.recent)
+        recent, _, _ = self._evidence.visits(since=now - 2.0 * self._settings.recent, sure=True)
         offset = np.array([self._offsets.get(device, np.nan) for device in self._evidence.devices])
         error = self._error(recent, np.nan_to_num(offset))
         error = np.where(np.isnan(offset[recent.device]), _own_offsets(recent, error), error)

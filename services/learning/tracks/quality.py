@@ -21,7 +21,7 @@ from services.learning.tracks.radio_evidence import RadioBelief
 from services.learning.tracks.radio_habits import RadioHabits
 from services.learning.tracks.sight import SightScore
 from services.learning.tracks.stretch import Stretch
-from services.learning.tracks.swaps import CONTRADICTIONS, doubt
+from services.learning.tracks.swaps import AMBIGUOUS, CONTRADICTIONS, doubt
 from services.learning.tracks.threshold import Threshold
 from services.learning.tracks.verdict import Verdict
 from shared.learning_report import TrackLessons
@@ -41,6 +41,9 @@ what it tells is believed until that is past."""
 REMEMBERED = 10
 PHONES = 500
 """Phones of which that is remembered."""
+SHORT, HARDLY_SEEN = "too short to judge", "cameras saw too little of the person"
+UNTOLD = frozenset({SHORT, HARDLY_SEEN, AMBIGUOUS})
+"""Nothing speaks against these; only it is not sure."""
 LEAST_SEEN = 0.5
 """Share of the time cameras must have seen the track."""
 RECENT = 200
@@ -93,7 +96,7 @@ class QualityJudge:
                 self._habits.learn(stretch.device, whole.fit)
                 self._misfit.append(float(whole.fit.chi2[0]) / whole.fit.readings)
         self._recent.append((reason, rate))
-        return Verdict(printed, rate, not reason, reason)
+        return Verdict(printed, rate, not reason, reason, reason in UNTOLD and not self._liar(stretch.device))
 
     def belief(self, device: str) -> RadioBelief:
         """Return what good stretches tell so far of access points and of a phone, beyond the active model."""
@@ -159,9 +162,9 @@ class QualityJudge:
 
     def _reason(self, stretch: Stretch, whole: Comparison, belief: RadioBelief) -> str:
         if stretch.seconds < SHORTEST:
-            return "too short to judge"
+            return SHORT
         if stretch.seen.mean() < LEAST_SEEN:
-            return "cameras saw too little of the person"
+            return HARDLY_SEEN
         parts = []
         if stretch.seconds >= 2.0 * PART:
             borders = np.linspace(stretch.t[0], stretch.t[-1], int(stretch.seconds // PART) + 1)
@@ -188,6 +191,10 @@ class QualityJudge:
         self._contradicted[device] = told
         while len(self._contradicted) > PHONES:
             self._contradicted.popitem(last=False)
+        return self._liar(device)
+
+    def _liar(self, device: str) -> bool:
+        told = self._contradicted.get(device, ())
         return sum(told) >= LIAR and 2 * sum(told) >= len(told)
 
     def _active(self) -> tuple[PathLoss, ShadowingMap | None]:

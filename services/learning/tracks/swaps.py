@@ -11,13 +11,14 @@ from collections.abc import Sequence
 
 from services.learning.tracks.compare import Comparison
 
-__all__ = ["CONTRADICTIONS", "doubt"]
+__all__ = ["AMBIGUOUS", "CONTRADICTIONS", "doubt"]
 
 STEADY = "the phone's readings are steadier than any radio's"
 JUMPY = "the phone's readings jump more than any radio's"
 MISPLACED = "the phone's radio does not fit this place"
 RADIO_OF_ANOTHER = "the phone's radio fits another person better"
 STEPS_OF_ANOTHER = "the phone's steps fit another person better"
+AMBIGUOUS = "radio and steps do not tell who of several people it is"
 CONTRADICTIONS = frozenset({STEADY, JUMPY, MISPLACED, RADIO_OF_ANOTHER})
 """What speaks against a phone's radio itself, if it is said too often."""
 
@@ -61,7 +62,7 @@ def doubt(whole: Comparison, parts: Sequence[Comparison], usual_misfit: float = 
         if _rival(part, BETTER_PART) or part.total[0] < WORSE_PART:
             return "the phone fits only part of the way"
     if whole.own_probability < SURE:
-        return "radio and steps do not tell who of several people it is"
+        return AMBIGUOUS
     return ""
 
 

@@ -16,9 +16,11 @@ class Verdict:
         rate: nats per second, which does not depend on how long the stretch is.
         good: whether it may teach.
         reason: why not, in a few plain words that many stretches share; empty where it may.
+        doubtful: where it may not: whether nothing speaks against it, so that it may teach who weighs what it is told.
     """
 
     printed: float
     rate: float
     good: bool
     reason: str = ""
+    doubtful: bool = False

@@ -1,5 +1,6 @@
 """The loop without bus and clock: messages in, decisions out, the same each time."""
 
+import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from typing import Any
@@ -352,6 +353,32 @@ def test_a_judge_that_keeps_something_is_restored_and_forgets_too() -> None:
     assert world.loop.report(BEGIN).areas[0].tracks.refused == {"not sure": 1}
     world.loop.take(Erasure(t=0.0, device="d-1"))
     assert judge.seen == {}
+
+
+class Wary(TestLearner):
+    """Wants what is in doubt too."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.doubted: list[Stretch] = []
+
+    def learn_doubtful(self, stretch: Stretch) -> None:
+        self.doubted.append(stretch)
+
+
+@pytest.mark.parametrize("doubtful", [False, True])
+def test_what_is_in_doubt_is_told_to_who_asks_for_it_only(doubtful: bool) -> None:
+    world, wary = World(), Wary()
+    world.loop.lessons = [lesson(world.learner), lesson(wary)]
+
+    def judge(_: Stretch) -> Verdict:
+        return Verdict(1.0, 0.1, False, "too short", doubtful)
+
+    world.loop.areas = {"hall": AreaTracks("hall", ["door"], StretchAssembler(POINTS), judge)}
+    world.live_until(BEGIN + 100.0)
+    assert bool(wary.doubted) == doubtful
+    assert wary.learned == world.learner.learned == []
+    assert world.loop.areas["hall"].taught == -math.inf
 
 
 def test_numbers_of_numpy_in_a_state_are_saved_like_any_other() -> None:

@@ -60,6 +60,7 @@ def test_a_name_on_somebody_elses_track_is_refused() -> None:
     for person in range(8):
         verdict = judge.judge(crowd.stretch(person, (person + 1) % 8), crowd.radio)
         assert not verdict.good
+        assert not verdict.doubtful
         assert "fits another person better" in verdict.reason or "fit another person better" in verdict.reason
 
 
@@ -116,7 +117,17 @@ def test_a_phone_without_radio_a_short_or_an_unseen_stretch_is_refused_in_plain_
     unseen = dataclasses.replace(crowd.stretch(0), seen=np.zeros(len(crowd.t), np.bool_))
     assert judge.judge(unseen, crowd.radio).reason == "cameras saw too little of the person"
     brief = Crowd(7, seconds=5)
-    assert judge.judge(brief.stretch(0), crowd.radio).reason == "too short to judge"
+    told = judge.judge(brief.stretch(0), crowd.radio)
+    assert told.reason == "too short to judge"
+    assert told.doubtful
+
+
+def test_a_short_stretch_of_a_phone_that_was_wrong_too_often_is_not_even_in_doubt() -> None:
+    judge, crowd = _taught()
+    t, point, level = crowd.readings(0)
+    for _ in range(8):
+        judge.judge(crowd.stretch(0, readings=(t, point, np.full(len(level), -60.0))), crowd.radio)
+    assert not judge.judge(Crowd(7, seconds=5).stretch(0), crowd.radio).doubtful
 
 
 def test_one_phone_alone_in_the_hall_may_teach() -> None:

@@ -43,3 +43,16 @@ def test_a_stretch_of_few_scans_or_of_unknown_access_points_teaches_nothing(tmp_
     assert len(kept.take(hall.stretch("a", 0.0, seconds=3.0))) == 0
     assert len(RadioEvidence(0, RadioPrior()).take(hall.stretch("a", 0.0))) == 0
     assert kept.devices == []
+
+
+def test_what_is_in_doubt_counts_for_less_and_can_be_left_out(tmp_path: Path) -> None:
+    hall, kept = hall_of(make_site(tmp_path)), RadioEvidence(6, RadioPrior())
+    sure = len(kept.take(hall.stretch("a", 0.0)))
+    doubtful = len(kept.take(hall.stretch("b", 0.0), doubtful=True))
+    visits, _, counts = kept.visits()
+    assert min(sure, doubtful) > 0
+    assert sorted(set(counts[visits.device == 0])) == [1.0]
+    assert sorted(set(counts[visits.device == 1])) == [module.DOUBTFUL]
+    assert len(kept.visits(sure=True)[0]) == sure
+    kept.fade(0, T0 + 1e6, 0.5)
+    assert len(kept.visits(sure=True)[0]) == sure, "what was sure stays so when its access point sends otherwise"
