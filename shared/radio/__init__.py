@@ -14,7 +14,7 @@ from shared.radio.radio_model import (
     write_radio_model,
 )
 from shared.radio.shadowing_map import ShadowingMap
-from shared.radio.visits import shared_out, visit_variance
+from shared.radio.visits import visit_variance
 
 __all__ = [
     "PathLoss",
@@ -35,7 +35,6 @@ __all__ = [
     "novelty",
     "pack_radio_model",
     "read_radio_model",
-    "shared_out",
     "unpack_radio_model",
     "visit_variance",
     "write_radio_model",

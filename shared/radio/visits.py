@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["shared_out", "visit_variance"]
+__all__ = ["visit_variance"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -37,12 +37,3 @@ def visit_variance(spot: Index, visit: Index, residual: Array, weight: Array) ->
     beyond = float(np.sum(total * (level - mean[where]) ** 2)) - (len(total) - len(together))
     scale = float(np.sum(total) - np.sum(np.bincount(where, total**2) / together))
     return max(beyond / scale, 0.0) if scale > 0.0 else 0.0
-
-
-def shared_out(visit: Index, weight: Array, variance: float) -> Array:
-    """Return the weights, (n,) in dB⁻², of readings that share an error of ``variance`` dB² with all of their visit.
-
-    Together a visit's readings weigh what their mean does: 1 / (1 / sum of ``weight`` + ``variance``).
-    """
-    shared: Array = weight / (1.0 + variance * np.bincount(visit, weight)[visit])
-    return shared

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shared.radio import shared_out, visit_variance
+from shared.radio import visit_variance
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -30,12 +30,3 @@ def test_where_every_spot_was_visited_once_nothing_can_be_told() -> None:
     assert visit_variance(visit, visit, residual, weight) == 0.0
     nothing = np.zeros(0, np.int64)
     assert visit_variance(nothing, nothing, np.zeros(0), np.zeros(0)) == 0.0
-
-
-def test_a_visit_is_worth_its_mean_however_many_readings_it_brings() -> None:
-    visit = np.repeat([0, 1], [1000, 1])
-    worth = np.bincount(visit, shared_out(visit, np.full(1001, 2.5**-2), 16.0))
-    assert worth[0] == pytest.approx(1.0 / (2.5**2 / 1000 + 16.0))
-    assert worth[1] == pytest.approx(1.0 / (2.5**2 + 16.0))
-    weight = np.linspace(0.1, 1.0, 1001)
-    np.testing.assert_array_equal(shared_out(visit, weight, 0.0), weight)
