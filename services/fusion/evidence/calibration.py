@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 POWER_SIGMA = 5.0
 """dB, and of the exponent: how far the site file's guesses may be off."""
 EXPONENT_SIGMA = 0.25
+LEARNED = 0.3
+"""How much of that remains where a model was learned."""
 BELIEVED = 30.0
 """Readings as which the noise believed beforehand counts, and the least and the largest factor on its variance."""
 NOISE = (0.5, 4.0)
@@ -50,14 +52,11 @@ class Calibration:
     misfit: Array
 
     @classmethod
-    def of(cls, guess: PathLoss) -> Calibration:
-        """Start from the site file's guess, or from what was learned of the site before.
-
-        What was learned is not believed any more than the file: it costs a minute to find right what was right, and
-        where few good tracks taught it, or an access point drifted since, all readings would be off alike.
-        """
+    def of(cls, guess: PathLoss, *, learned: bool = False) -> Calibration:
+        """Start from the site file's guess, or from what was learned of the site before."""
         m = len(guess.names)
-        prior = np.diag([POWER_SIGMA**-2, EXPONENT_SIGMA**-2])
+        known = LEARNED if learned else 1.0
+        prior = np.diag([(known * POWER_SIGMA) ** -2, (known * EXPONENT_SIGMA) ** -2])
         return cls(
             guess, np.broadcast_to(prior, (m, 2, 2)).copy(), np.zeros((m, 2)), np.zeros((m, 2)), np.full(2, BELIEVED)
         )

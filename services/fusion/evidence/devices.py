@@ -59,7 +59,7 @@ class Devices:
         self.view = view
         self._distance = view.radio.log_distance(self.grid.centres)
         self._map = None if view.shadowing is None else view.shadowing.at(self.grid.centres)
-        self.calibration = Calibration.of(view.radio)
+        self.calibration = Calibration.of(view.radio, learned=view.shadowing is not None)
         self._expected = self.calibration.rssi_at(self._distance)
 
     def _start(self) -> None:
