@@ -56,6 +56,7 @@ class TestLearner:
         self.live: list[Message] = []
         self.forgotten: list[str] = []
         self.proposals: list[Proposal] = []
+        self.urgent: list[Proposal] = []
         self.known: dict[str, Any] = {}
 
     def learn(self, stretch: Stretch) -> None:
@@ -68,6 +69,10 @@ class TestLearner:
 
     def propose(self, now: float, until: float) -> Sequence[Proposal]:
         return [one for one in self.proposals if one.trained_until <= until]
+
+    def alarms(self, now: float) -> Sequence[Proposal]:
+        told, self.urgent = self.urgent, []
+        return told
 
     def activated(self, model: Message) -> None:
         self.live.append(model)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from services.learning.proposal import Learner
+from services.learning.proposal import Learner, Proposal
 from services.learning.tracks.stretch import Stretch
 from shared.messages import Message
 
-__all__ = ["Lesson", "Watching", "Weighing"]
+__all__ = ["Alert", "Lesson", "Watching", "Weighing"]
 
 
 @dataclass(frozen=True)
@@ -42,4 +43,13 @@ class Weighing(Protocol):
 
     def learn_doubtful(self, stretch: Stretch) -> None:
         """Take in a stretch that is too short or too much like others' to be sure of, in order like the sure ones."""
+        ...
+
+
+@runtime_checkable
+class Alert(Protocol):
+    """A learner that notices when its model becomes wrong all at once. None has to."""
+
+    def alarms(self, now: float) -> Sequence[Proposal]:
+        """Return urgent candidates, taught by all there is at ``now``; is asked at every look, so it must be quick."""
         ...

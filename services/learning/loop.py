@@ -21,7 +21,7 @@ from services.learning.activation.kinds import PERSONAL, kind_of, subject_of
 from services.learning.activation.questions import question_of
 from services.learning.activation.store import Decided, ModelStore, StoredModel
 from services.learning.area_tracks import AreaTracks
-from services.learning.lesson import Lesson, Watching, Weighing
+from services.learning.lesson import Alert, Lesson, Watching, Weighing
 from services.learning.proposal import Learner, Proposal
 from services.learning.report_draft import ReportDraft, Telling
 from services.learning.trials import Ask, Candidate, Inline, Key, Pace, Trials, key_of
@@ -137,6 +137,8 @@ class LearningLoop:
                     elif isinstance(lesson.learner, Weighing):
                         lesson.learner.learn_doubtful(stretch)
         self._finish(now)
+        for proposal in self._alarms():
+            self._trials.expect(Candidate(proposal))
         if not self._trials.busy:
             self._begin_trial(now)
             self._finish(now)
@@ -154,7 +156,12 @@ class LearningLoop:
         return {**{f"tracks/{name}": area for name, area in self.areas.items()}, **self._learners}
 
     def _begin_trial(self, now: float) -> None:
-        if self._begin_probation(now) or self._begin_imported(now) or self._trials.go_on(now):
+        if (
+            self._trials.go_on(now, urgent=True)
+            or self._begin_probation(now)
+            or self._begin_imported(now)
+            or self._trials.go_on(now)
+        ):
             return
         if 0.0 <= now - self._proposed < self._pace.propose:
             return
@@ -170,10 +177,21 @@ class LearningLoop:
             first = min(asking, key=lambda one: self._trials.waited_since(key_of(one)))
             self._trials.start(Candidate(first), first.trained_until, now)
 
+    def _alarms(self) -> list[Proposal]:
+        found: list[Proposal] = []
+        for lesson in self.lessons:
+            t = self._newest(lesson)
+            if isinstance(lesson.learner, Alert) and math.isfinite(t):
+                found += lesson.learner.alarms(t)
+        return [one for one in found if self._is_sound(one)]
+
+    def _newest(self, lesson: Lesson) -> float:
+        return max((self.areas[name].t for name in lesson.areas if name in self.areas), default=-math.inf)
+
     def _proposals(self, now: float) -> list[Proposal]:
         found: list[Proposal] = []
         for lesson in self.lessons:
-            t = max((self.areas[name].t for name in lesson.areas if name in self.areas), default=-math.inf)
+            t = self._newest(lesson)
             if math.isfinite(t):
                 found += lesson.learner.propose(t, t - self._pace.held_out)
         return [one for one in found if self._trials.may_begin(key_of(one), now) and self._is_sound(one)]

@@ -33,6 +33,8 @@ class Proposal:
         margin: see above.
         evidence: numbers a person wants to see: readings, residuals before and after …
         reason: why now, in plain words.
+        urgent: something changed, so that the live model is wrong meanwhile: it was taught until ``trained_until`` just
+            now and is tried on the first minutes that come, before whatever else waits for a trial.
     """
 
     kind: ModelKind
@@ -45,6 +47,7 @@ class Proposal:
     margin: float | None = None
     evidence: Mapping[str, float] = field(default_factory=dict)
     reason: str = ""
+    urgent: bool = False
 
 
 class Learner(Protocol):

@@ -32,6 +32,7 @@ class Pace:
     Attributes:
         propose: between two times learners are asked what deserves a trial.
         held_out: what is so new teaches nothing yet: it judges.
+        urgent: what comes after an urgent candidate and judges it; long enough for the gate.
         again: until a subject is tried again for which there was too little to tell.
         after_refusal: until another candidate of the same subject is tried: not on the time that refused the last.
         after_roll_back: the same after a model had to go back.
@@ -40,6 +41,7 @@ class Pace:
 
     propose: float = 60.0
     held_out: float = 240.0
+    urgent: float = 90.0
     again: float = 60.0
     after_refusal: float = 240.0
     after_roll_back: float = 3600.0
@@ -157,13 +159,26 @@ class Trials:
         until = self._sensor_time(proposal.area, now)
         self._asked = _Asked(candidate, trials, self._live(key_of(proposal)), until, answer)
 
-    def go_on(self, now: float) -> bool:
-        """Have a candidate that is not clear yet tried on the time since; whether there was one."""
+    def expect(self, candidate: Candidate) -> None:
+        """Have an urgent candidate tried as soon as there is time enough that is newer than what taught it."""
+        key = key_of(candidate.proposal)
+        before = self._open.get(key)
+        if before is None or not before.candidate.proposal.urgent:
+            self._open[key] = _Open(candidate, (), self._live(key), candidate.proposal.trained_until)
+            self._open.move_to_end(key, last=False)
+
+    def go_on(self, now: float, *, urgent: bool = False) -> bool:
+        """Have a candidate that is not clear yet tried on the time since; whether there was one.
+
+        ``urgent``: only such a one.
+        """
         for key, one in list(self._open.items()):
+            if urgent and not one.candidate.proposal.urgent:
+                continue
             t = self._sensor_time(one.candidate.proposal.area, now)
             if one.live != self._live(key) or t < one.since:  # another model is live, or time ran back
                 del self._open[key]
-            elif t >= one.since + self._pace.held_out:
+            elif t >= one.since + (self._pace.urgent if one.candidate.proposal.urgent else self._pace.held_out):
                 del self._open[key]
                 self.start(one.candidate, one.since, now, one.trials)
                 return True
@@ -189,7 +204,7 @@ class Trials:
         if ruling.outcome == "later":
             self.wait(key, now + self._pace.again)
             trials = asked.trials
-        if trials:
+        if key not in self._open and (trials or proposal.urgent):
             self._open[key] = _Open(asked.candidate, trials, asked.live, asked.until)
         return None
 

@@ -30,7 +30,8 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     """A candidate beside the active model on held-out time; ``error`` alone where nothing could be tried.
 
     ``gain`` is in nats per withheld reading, candidate minus active, ``gain_error`` its standard error; ``scans`` were
-    withheld, over ``seconds``; ``active_named`` and ``candidate_named`` are the shares of withheld readings that were
+    withheld, over ``seconds``; ``tracks_gain`` with its error is the part of it that is due to other tracks bearing the
+    names, judged by both models; ``active_named`` and ``candidate_named`` are the shares of withheld readings that were
     taken while a track bore the phone's name.
     """
 
@@ -41,6 +42,8 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     gain_error: float | None = None
     active_named: float = 0.0
     candidate_named: float | None = None
+    tracks_gain: float = 0.0
+    tracks_gain_error: float | None = None
     sight: SightTrial | None = None
     """Where other detections were tried; then the gain of readings may be left open."""
     devices: dict[str, DeviceTrial] = {}
@@ -64,7 +67,10 @@ def read_answer(answer: Mapping[str, Any]) -> Trial:
         trial = msgspec.convert(answer, Trial)
     except msgspec.ValidationError as error:
         return Trial(error=f"fusion's answer is not understood: {error}")
-    numbers = (trial.gain, trial.gain_error, trial.candidate_named, trial.active_named, trial.seconds)
+    numbers = (
+        *(trial.gain, trial.gain_error, trial.tracks_gain, trial.tracks_gain_error),
+        *(trial.candidate_named, trial.active_named, trial.seconds),
+    )
     if trial.error is None and not all(number is None or math.isfinite(number) for number in numbers):
         return Trial(error="fusion's answer is not understood: a number is not finite")
     return trial
@@ -82,8 +88,6 @@ def pooled(trials: Sequence[Trial]) -> Trial:
         raise ValueError("trials: one that tried nothing, or none at all; allowed: one or more with a gain")
     weight = [one.scans for one in trials]
     total = sum(weight)
-    spreads = [one.spread for one in trials]
-    errors = [one * scans for one, scans in zip(spreads, weight, strict=True) if one is not None]
     devices: dict[str, list[tuple[float, float]]] = {}
     for one in trials:
         for name, device in one.devices.items():
@@ -94,7 +98,9 @@ def pooled(trials: Sequence[Trial]) -> Trial:
         scans=total,
         seconds=sum(one.seconds for one in trials),
         gain=_mean([(scans, one.gain or 0.0) for scans, one in zip(weight, trials, strict=True)]),
-        gain_error=math.hypot(*errors) / total if len(errors) == len(trials) and total else None,
+        gain_error=_error([one.spread for one in trials], weight),
+        tracks_gain=_mean([(scans, one.tracks_gain) for scans, one in zip(weight, trials, strict=True)]),
+        tracks_gain_error=_error([one.tracks_gain_error for one in trials], weight),
         active_named=_mean([(scans, one.active_named) for scans, one in zip(weight, trials, strict=True)]),
         candidate_named=_mean(list(zip(weight, named, strict=True))),
         devices={
@@ -107,3 +113,10 @@ def pooled(trials: Sequence[Trial]) -> Trial:
 def _mean(rows: Sequence[tuple[float, float]]) -> float:
     total = sum(weight for weight, _ in rows)
     return sum(weight * value for weight, value in rows) / total if total else 0.0
+
+
+def _error(errors: Sequence[float | None], weight: Sequence[int]) -> float | None:
+    """Return the standard error of a weighted mean; None where that of a part is not known."""
+    known = [error * scans for error, scans in zip(errors, weight, strict=True) if error is not None]
+    total = sum(weight)
+    return math.hypot(*known) / total if len(known) == len(errors) and total else None

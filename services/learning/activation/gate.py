@@ -28,8 +28,11 @@ class GateSettings:
     Attributes:
         least_gain: what is less is not worth a change.
         at_once: standard errors by which the gain must be above nought on one stretch of held-out time alone …
-        errors: … and over two or more: what wins twice is less likely chance.
-        hopeless: standard errors above nought below which no further time is waited for.
+        errors: … and over two or more: what wins twice is less likely chance. Chosen where no candidate that made the
+            tracker worse came near (docs/learning.md).
+        astray: standard errors by which tracks made under it may seem worse, whichever of both models judges them.
+        hopeless: standard errors above nought below which, after two stretches, no further time is waited for; after
+            one it is waited for whatever is above nought.
         looks: stretches of held-out time on which a candidate that is better, but not surely, is tried at most.
         least_scans: withheld scans without which nothing is decided.
         least_seconds: of held-out time.
@@ -42,12 +45,13 @@ class GateSettings:
     """
 
     least_gain: float = 0.003
-    at_once: float = 3.0
-    errors: float = 2.0
-    hopeless: float = 0.0
+    at_once: float = 2.0
+    errors: float = 1.25
+    astray: float = 1.0
+    hopeless: float = 0.5
     looks: int = 6
     least_scans: int = 60
-    least_seconds: float = 90.0
+    least_seconds: float = 80.0
     alone: float = 2.0
     heard: int = 15
     without_best: float = 0.25
@@ -122,7 +126,8 @@ class Gate:
         margin = stricter * max(wanted.least_gain, errors * spread)
         fault = self._fault(trial, margin, witnesses)
         gain = trial.gain or 0.0
-        if fault and wanted.hopeless * spread < gain <= margin and looks < wanted.looks:
+        least = wanted.hopeless * spread if looks > 1 else 0.0
+        if fault and least < gain <= margin and looks < wanted.looks:
             words = f"better by {gain:.3g} nats per reading, but not surely: tried again on what comes now"
             return Ruling("more", words, gain, margin, evidence)
         if fault:
@@ -135,13 +140,13 @@ class Gate:
         wanted = self._settings
         if sight.gain is None or sight.gain_error is None or trial.seconds < wanted.least_seconds:
             return Ruling("later", f"too little held-out data: {trial.seconds:.0f} s of detections")
-        margin = max(wanted.least_sight, wanted.errors * sight.gain_error)
+        margin = max(wanted.least_sight, wanted.at_once * sight.gain_error)
         evidence = {**_evidence(trial, len(trial.devices)), "standard error of the gain": sight.gain_error}
         words = f"detections speak for their tracks by {sight.gain:.3g} nats per second more"
         if not sight.gain > margin:
             return Ruling("refuse", f"{words}, not by more than {margin:.3g}", sight.gain, margin, evidence)
         spread = trial.spread
-        if trial.gain is not None and spread is not None and trial.gain < -wanted.errors * spread:
+        if trial.gain is not None and spread is not None and trial.gain < -wanted.at_once * spread:
             worse = f"but phones' readings fit worse by {-trial.gain:.3g} nats each"
             return Ruling("refuse", f"{words}, {worse}", sight.gain, margin, evidence)
         return Ruling("activate", f"{words}, by more than the {margin:.3g} asked for", sight.gain, margin, evidence)
@@ -152,6 +157,9 @@ class Gate:
         if not gain > margin:
             alone = " (one phone alone speaks for it)" if len(witnesses) < 2 else ""
             return f"wins by {gain:.3g} nats per reading, not more than the {margin:.3g} asked for{alone}"
+        strayed = trial.tracks_gain_error is not None and trial.tracks_gain < -wanted.astray * trial.tracks_gain_error
+        if strayed:
+            return f"names would be worse: {-trial.tracks_gain:.3g} nats per reading are lost where tracks bear others"
         lost = trial.active_named - (trial.active_named if trial.candidate_named is None else trial.candidate_named)
         if lost > wanted.names:
             return f"names would be lost: {100 * lost:.1f} % of readings had one before and none after"

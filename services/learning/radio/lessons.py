@@ -14,7 +14,8 @@ from services.learning.proposal import Proposal
 from services.learning.radio.changes import Changes
 from services.learning.radio.evidence import RadioEvidence
 from services.learning.radio.hearing import RecentHearing
-from services.learning.radio.shifts import find_shifts
+from services.learning.radio.shifts import Shift, find_shifts
+from services.learning.radio.suspicions import news_to, supposed
 from services.learning.radio.wording import silent_words
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
@@ -96,6 +97,8 @@ class RadioLessons:
         self._offsets: dict[str, float] = {}
         self._reference: RadioFit | None = None
         self._suspects: dict[int, float] = {}
+        self._alarming: list[Shift] = []
+        self._alarmed = -np.inf
         self._numbers = 0
         self._heard = -np.inf
         self._taught, self._proposed, self._reviewed = -np.inf, -np.inf, -np.inf
@@ -145,27 +148,57 @@ class RadioLessons:
         self._proposed, before = now, self._taught
         self._taught = until
         self._offsets = dict(zip(self._evidence.devices, fit.offset.tolist(), strict=False))
-        located = [self.points[point] for point in sorted(self._changes.located)]
-        file = pack_radio_model(fit.model, located)
-        question = msgspec.json.encode({"kind": "radio", "model": file, "since": until})
+        reason = "; ".join(change.words for change in changed) or "people walked where the radio is to be learned"
         fresh = visits.t > before
         evidence = {
-            "readings": float(len(visits)),
             "new_readings": float(fresh.sum()),
-            "phones": float(len(np.unique(visits.device))),
-            "visit_sigma": fit.visit,
-            "drift_sigma": fit.drift,
             "residual": _sigma(fit.error[fresh]),
             "residual_active": _sigma(self._error(new, fit.offset)),
         }
-        update = RadioModelUpdate(t=now, area=self.area, version=0, model=file, reason="")
-        reason = "; ".join(change.words for change in changed) or "people walked where the radio is to be learned"
-        return (
-            Proposal(
-                "radio", self.area, self.area, msgspec.structs.replace(update, reason=reason), until, question,
-                evidence=evidence, reason=reason,
-            ),
-        )  # fmt: skip
+        return (self._proposal(fit, visits, now, until, reason, evidence),)
+
+    def alarms(self, now: float) -> Sequence[Proposal]:
+        """Return what is to be believed if what only seems to have changed has changed; see ``Alert``."""
+        self.review(now)
+        if not self._alarming or 0.0 <= now - self._alarmed < self._settings.after_change:
+            return ()
+        self._alarmed = now
+        visits, age, kept = self._evidence.visits()
+        believed = [shift for shift in self._alarming if shift.point not in self._believed(now)]
+        visits, kept = supposed(visits, kept, believed)
+        names = ", ".join(self.points[shift.point] for shift in self._alarming)
+        reason = f"what is heard of {names} seems to have changed"
+        return (self._proposal(self._fit(visits, age, kept), visits, now, now, reason, {}, urgent=True),)
+
+    def _believed(self, now: float) -> set[int]:
+        """Return the access points whose change the evidence says already."""
+        return {point for point, change in self._changes.found.items() if change.found > now - REVIEW}
+
+    def _proposal(
+        self,
+        fit: RadioFit,
+        visits: Visits,
+        now: float,
+        until: float,
+        reason: str,
+        evidence: Mapping[str, float],
+        *,
+        urgent: bool = False,
+    ) -> Proposal:
+        located = [self.points[point] for point in sorted(self._changes.located)]
+        file = pack_radio_model(fit.model, located)
+        question = msgspec.json.encode({"kind": "radio", "model": file, "since": until})
+        evidence = {
+            "readings": float(len(visits)),
+            "phones": float(len(np.unique(visits.device))),
+            "visit_sigma": fit.visit,
+            "drift_sigma": fit.drift,
+            **evidence,
+        }
+        update = RadioModelUpdate(t=now, area=self.area, version=0, model=file, reason=reason)
+        return Proposal(
+            "radio", self.area, self.area, update, until, question, evidence=evidence, reason=reason, urgent=urgent
+        )
 
     def activated(self, model: Message) -> None:
         """Hold what is heard from now on against this model; one that does not fit the site is passed over."""
@@ -191,13 +224,20 @@ class RadioLessons:
         unknown = self._reference.model.shadowing.at(recent.place)[1][rows, recent.point]
         shared = max(self._reference.visit, SHARED)
         before, _, _ = self._evidence.visits(until=now - settings.recent)
-        shifts = find_shifts(recent, error, unknown, shared, before, now) if len(recent) else []
+        asked = recent, error, unknown, shared, before, now
+        early = find_shifts(*asked, early=True) if len(recent) else []
+        shifts = find_shifts(*asked) if early else []
         twice = [
             shift for shift in shifts if shift.nats > SURE or self._suspects.get(shift.point, 0.0) * shift.by > 0.0
         ]
+        self._alarming = [] if self._active is None else [shift for shift in early if self._is_news(recent, shift)]
         self._suspects = {shift.point: shift.by for shift in shifts}
         edited = self._changes.take(twice, self._evidence, self._reference, now)
         self._reference = self._refit(now if edited else now - settings.recent)
+
+    def _is_news(self, recent: Visits, shift: Shift) -> bool:
+        """Whether the live model does not know of a shift yet."""
+        return news_to(recent, _own_offsets(recent, self._error(recent, np.zeros(0))), shift)
 
     def fits(self, now: float) -> list[AccessPointFit]:
         """Return how each access point stands."""

@@ -27,8 +27,11 @@ SIZES = np.array([size for step in range(3, 22) for size in (float(step), -float
 """dB by which it may read otherwise."""
 FREE = 2.0
 """Nats that it costs each block to be in the lee of something or not."""
+SUSPECT, SUSPECTED = 6.0, 3.0
+"""Nats from which a shift is worth a trial, and without the phone that says most."""
 ENOUGH = 9.0
-"""Nats; of nine areas of the twin in which nothing changed for a quarter of an hour, two came to so much, once."""
+"""Nats from which it is believed; of nine areas of the twin in which nothing changed for a quarter of an hour, two came
+to so much, once."""
 AGREED = 5.0
 """Nats that remain without the phone that says most."""
 KNOWN = 12.0
@@ -65,7 +68,16 @@ class Shift:
     phones: int
 
 
-def find_shifts(visits: Visits, error: Array, unknown: Array, shared: float, before: Visits, now: float) -> list[Shift]:
+def find_shifts(
+    visits: Visits,
+    error: Array,
+    unknown: Array,
+    shared: float,
+    before: Visits,
+    now: float,
+    *,
+    early: bool = False,
+) -> list[Shift]:
     """Return the access points that read otherwise, at most one shift each.
 
     Whether it is the access point or something on the way shows once people walked in half of where they were before;
@@ -78,7 +90,9 @@ def find_shifts(visits: Visits, error: Array, unknown: Array, shared: float, bef
         shared: standard deviation of what a visit's readings have in common, dB.
         before: those that taught it.
         now: seconds since the epoch.
+        early: tell also what is only suspected, and as soon as it is; for models that are tried before they are used.
     """
+    enough, agreed = (SUSPECT, SUSPECTED) if early else (ENOUGH, AGREED)
     found = []
     known = unknown < KNOWN
     visits, error, unknown = visits.where(known), error[known], unknown[known]
@@ -87,13 +101,13 @@ def find_shifts(visits: Visits, error: Array, unknown: Array, shared: float, bef
         shifts = [
             shift
             for onset in ONSETS
-            if (shift := _shift(visits, error, unknown, shared, point, now - onset)) is not None
+            if (shift := _shift(visits, error, unknown, shared, point, now - onset, enough, agreed)) is not None
         ]
         if not shifts:
             continue
         best = max(shifts, key=lambda shift: shift.nats)
         seen = _blocks(visits, point, best.since) / max(_blocks(before, point, -np.inf), 1)
-        if best.whole and seen < HALF:
+        if best.whole and seen < HALF and not early:
             if now - best.since < PATIENCE:
                 continue
             best = dataclasses.replace(best, whole=False)
@@ -121,7 +135,9 @@ def _mistrust(visits: Visits, error: Array, variance: Array) -> Array:
     return more
 
 
-def _shift(visits: Visits, error: Array, unknown: Array, shared: float, point: int, since: float) -> Shift | None:
+def _shift(
+    visits: Visits, error: Array, unknown: Array, shared: float, point: int, since: float, enough: float, agreed: float
+) -> Shift | None:
     mine = (visits.point == point) & (visits.t > since)
     if mine.sum() < 6:
         return None
@@ -139,7 +155,7 @@ def _shift(visits: Visits, error: Array, unknown: Array, shared: float, point: i
     _, block = np.unique(where, axis=0, return_inverse=True)
     block = block.ravel()
     best = _best(off, alone, map_variance, block)
-    if best is None or best[0] < ENOUGH:
+    if best is None or best[0] < enough:
         return None
     nats, size, chosen = best
     hit = chosen[block]
@@ -151,7 +167,7 @@ def _shift(visits: Visits, error: Array, unknown: Array, shared: float, point: i
     loudest = max(gains, key=lambda phone: gains[phone])
     others = hit & (who != loudest)
     rest = sum(gain for phone, gain in gains.items() if phone != loudest)
-    if not others.any() or rest < AGREED:
+    if not others.any() or rest < agreed:
         return None
     middles = (np.unique(where[hit], axis=0) + 0.5) * BLOCK
     by = float(np.sum(off[hit] / (alone + map_variance)[hit]) / np.sum(1.0 / (alone + map_variance)[hit]))

@@ -48,9 +48,11 @@ def test_a_candidate_that_wins_on_all_phones_goes_live_and_the_reason_says_by_ho
         (trial([0.9, -0.001, 0.0]), "refuse", "one phone alone carries the gain"),
         (trial([0.3, 0.3, -0.2]), "refuse", "one phone would be worse off by 0.2"),
         (trial([0.05, 0.04], candidate_named=0.6), "refuse", "names would be lost: 10.0 %"),
+        (trial([0.05, 0.04], tracks_gain=-0.02, tracks_gain_error=0.01), "refuse", "names would be worse: 0.02 nats"),
+        (trial([0.05, 0.04], tracks_gain=-0.02, tracks_gain_error=0.03), "activate", "wins by"),
         (trial([0.05], error=None), "later", "too little held-out data: 100 scans"),
         (trial([0.05], error=None, scans=200), "refuse", "one phone alone was heard"),
-        (trial([0.007], error=0.002, scans=200), "more", "not surely"),
+        (trial([0.005], error=0.002, scans=200), "more", "not surely"),
         (trial([0.05], scans=200), "activate", "wins by"),
         (trial([0.05, 0.05], scans=5), "later", "too little held-out data: 10 scans"),
         (trial([0.05, 0.05], seconds=30.0), "later", "30 s"),
@@ -68,14 +70,17 @@ def test_what_does_not_convince_is_refused_or_waits_and_says_why(answer: Trial, 
 
 
 def test_what_is_better_but_not_surely_is_tried_on_more_time_and_then_decided() -> None:
-    unsure = trial([0.006, 0.005, 0.004], error=0.004)
+    unsure = trial([0.006, 0.005, 0.004], error=0.007)
     assert outcome(unsure)[0] == "more"
     assert outcome(unsure, unsure)[0] == "more"
-    assert outcome(unsure, unsure, unsure)[0] == "activate"  # 0.005 against 2 * 0.004 / sqrt 3
-    once = trial([0.011, 0.009, 0.01], error=0.004)
-    assert outcome(once)[0] == "more"  # 2.5 standard errors are not enough for one look
+    assert outcome(unsure, unsure, unsure, unsure)[0] == "activate"  # 0.005 against 1.25 * 0.007 / 2
+    once = trial([0.006, 0.007, 0.0065], error=0.004)
+    assert outcome(once)[0] == "more"  # 1.6 standard errors are not enough for one look
     assert outcome(once, once)[0] == "activate"
     assert outcome(*[trial([0.0021, 0.002], error=0.004)] * WANTED.looks)[0] == "refuse"
+    chance = trial([0.0031, 0.003], error=0.01)
+    assert outcome(chance)[0] == "more"
+    assert outcome(chance, chance)[0] == "refuse"  # 0.4 standard errors after two looks: it is not worth the wait
 
 
 def test_later_time_that_speaks_against_a_candidate_refuses_it() -> None:
@@ -87,6 +92,7 @@ def test_pooled_trials_count_by_their_scans() -> None:
     assert both.scans == 400
     assert both.seconds == 480.0
     assert both.gain == pytest.approx(0.05)
+    assert both.tracks_gain_error is None
     assert both.gain_error == pytest.approx(math.hypot(0.02 * 200, 0.01 * 200) / 400)
     assert both.devices["d-0"] == DeviceTrial(scans=300, gain=pytest.approx(0.1 / 3))
     with pytest.raises(ValueError, match="tried nothing"):

@@ -45,7 +45,15 @@ class World:
             ModelStore(self.engine),
             self.answer,
             self.sent.append,
-            Pace(propose=10.0, held_out=60.0, again=20.0, after_refusal=60.0, after_roll_back=600.0, save=50.0),
+            Pace(
+                propose=10.0,
+                held_out=60.0,
+                urgent=30.0,
+                again=20.0,
+                after_refusal=60.0,
+                after_roll_back=600.0,
+                save=50.0,
+            ),
             executor=executor,
             **options,
         )
@@ -156,12 +164,29 @@ def test_a_model_that_stands_its_probation_stays() -> None:
 
 def test_what_is_better_but_not_surely_is_tried_again_on_time_that_has_not_judged_it() -> None:
     world = World()
-    world.gain = 0.025  # of an error of 0.01
+    world.gain = 0.0175  # of an error of 0.01
     world.propose()
     world.live_until(BEGIN + 170.0)
     assert world.decisions() == ["activated"]
     since = [question["since"] for _, question in world.asked]
     assert since[1] - BEGIN < 10.0
+
+
+def test_an_urgent_candidate_is_tried_on_the_first_minute_that_comes_before_whatever_else_waits() -> None:
+    world = World()
+    world.gain = 0.0175
+    world.propose()
+    world.live_until(BEGIN + 20.0)
+    assert len(world.asked) == 1, "the other is better, but not surely: it waits for more time"
+    world.learner.urgent = [
+        Proposal("radio", "hall", "hall", radio(power=-50.0), BEGIN + 20.0, b"{}", reason="a wall", urgent=True)
+    ]
+    world.gain = 0.1
+    world.live_until(BEGIN + 90.0, BEGIN + 20.0)
+    assert [question["since"] for _, question in world.asked[1:]] == [BEGIN + 20.0]
+    assert world.powers() == [-50.0]
+    assert world.loop.store.history()[0].reason.startswith("a wall: wins")
+    assert world.loop.store.history()[0].t < BEGIN + 20.0 + 30.0 + 10.0
 
 
 @pytest.mark.parametrize("switch", ["setting", "frozen"])

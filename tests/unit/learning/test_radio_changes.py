@@ -65,6 +65,28 @@ def test_an_access_point_that_sends_less_is_told_and_learned(learned: tuple[Radi
     assert abs(np.median(off_by(model_of(proposal, site, lessons), hall)[:, 2])) < 1.5
 
 
+def test_what_seems_to_have_changed_is_put_up_for_trial_at_once_and_no_more_once_it_is_live(
+    learned: tuple[RadioLessons, Hall], site: Site
+) -> None:
+    lessons, hall = learned
+    assert lessons.alarms(T0 + 630.0) == ()
+    hall.loss = dataclasses.replace(hall.loss, power_1m=hall.loss.power_1m - np.eye(6)[2] * 8.0)
+    urgent: list[Proposal] = []
+    for minute in range(10, 13):
+        for device, offset in PHONES.items():
+            lessons.learn(hall.stretch(device, 60.0 * minute, offset=offset))
+        urgent += lessons.alarms(T0 + 60.0 * (minute + 1))
+        assert not lessons.alarms(T0 + 60.0 * (minute + 1) + 10.0)
+    assert urgent[0].urgent
+    assert urgent[0].trained_until <= T0 + 60.0 * 12
+    assert "ap-3 seems to have changed" in urgent[0].reason
+    assert abs(np.median(off_by(model_of(urgent[0], site, lessons), hall)[:, 2])) < 2.5
+    lessons.activated(urgent[0].model)
+    for device, offset in PHONES.items():
+        lessons.learn(hall.stretch(device, 60.0 * 13, offset=offset))
+    assert not lessons.alarms(T0 + 60.0 * 14)
+
+
 def test_a_moved_access_point_is_found_where_it_hangs_now(learned: tuple[RadioLessons, Hall], site: Site) -> None:
     lessons, hall = learned
     positions = hall.loss.positions.copy()
