@@ -57,6 +57,7 @@ class TestLearner:
         self.forgotten: list[str] = []
         self.proposals: list[Proposal] = []
         self.urgent: list[Proposal] = []
+        self.regretted: tuple[float, float] | None = None
         self.known: dict[str, Any] = {}
 
     def learn(self, stretch: Stretch) -> None:
@@ -73,6 +74,9 @@ class TestLearner:
     def alarms(self, now: float) -> Sequence[Proposal]:
         told, self.urgent = self.urgent, []
         return told
+
+    def regret(self, former: Message, since: float) -> tuple[float, float] | None:
+        return self.regretted
 
     def activated(self, model: Message) -> None:
         self.live.append(model)

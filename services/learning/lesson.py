@@ -10,7 +10,7 @@ from services.learning.proposal import Learner, Proposal
 from services.learning.tracks.stretch import Stretch
 from shared.messages import Message
 
-__all__ = ["Alert", "Lesson", "Watching", "Weighing"]
+__all__ = ["Alert", "Critic", "Lesson", "Watching", "Weighing"]
 
 
 @dataclass(frozen=True)
@@ -52,4 +52,16 @@ class Alert(Protocol):
 
     def alarms(self, now: float) -> Sequence[Proposal]:
         """Return urgent candidates, taught by all there is at ``now``; is asked at every look, so it must be quick."""
+        ...
+
+
+@runtime_checkable
+class Critic(Protocol):
+    """A learner that can tell whether a model that went live should have: of kinds that fusion cannot try."""
+
+    def regret(self, former: Message, since: float) -> tuple[float, float] | None:
+        """Return by how much the model before was better on what came after ``since``, and by how much it must be.
+
+        None: too little has come, or nothing can be told.
+        """
         ...

@@ -21,7 +21,7 @@ from services.learning.activation.kinds import PERSONAL, kind_of, subject_of
 from services.learning.activation.questions import question_of
 from services.learning.activation.store import Decided, ModelStore, StoredModel
 from services.learning.area_tracks import AreaTracks
-from services.learning.lesson import Alert, Lesson, Watching, Weighing
+from services.learning.lesson import Alert, Critic, Lesson, Watching, Weighing
 from services.learning.proposal import Learner, Proposal
 from services.learning.report_draft import ReportDraft, Telling
 from services.learning.trials import Ask, Candidate, Inline, Key, Pace, Trials, key_of
@@ -211,13 +211,33 @@ class LearningLoop:
             former = self.store.before(model)
             question = question_of(former)
             ripe = self._sensor_time(model.area, now) >= model.since + self._pace.held_out
-            if question is None or now > model.decided + LONGEST_PROBATION:
+            if now > model.decided + LONGEST_PROBATION:
                 self.store.settle(*key)
+            elif question is None:
+                self._review(model, former, now)
             elif ripe and self._trials.may_begin(key, now):
                 proposal = Proposal(*key, model.area, former, model.since, question)
                 self._trials.start(Candidate(proposal, "former"), model.since, now)
                 return True
         return False
+
+    def _review(self, model: StoredModel, former: Message, now: float) -> None:
+        """Settle or take back a live model that fusion cannot try, as its learner says."""
+        learners = [lesson.learner for lesson in self.lessons if lesson.learner.kind == model.kind]
+        critics = [learner for learner in learners if isinstance(learner, Critic)]
+        if not critics:
+            self.store.settle(model.kind, model.subject)
+        for learner in critics:
+            told = learner.regret(former, model.since)
+            if told is None:
+                continue
+            gain, margin = told
+            if gain > margin:
+                words = f"on what came after, the model before was better by {gain:.3g}, more than {margin:.3g}"
+                self.roll_back(model.kind, model.subject, now, words, Ruling("activate", words, gain, margin))
+            else:
+                self.store.settle(model.kind, model.subject)
+            return
 
     def _begin_imported(self, now: float) -> bool:
         """Have an imported model tried on the last minutes, none of which taught it."""

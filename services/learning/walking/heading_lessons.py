@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from services.learning.proposal import Proposal
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
-from services.learning.walking.held_out import gain_of
+from services.learning.walking.held_out import LEAST_GROUPS, gain_of
 from services.learning.walking.runs import runs_of
 from shared.learning_report import ModelKind
 from shared.messages import HeadingModel, Message
@@ -130,6 +130,19 @@ class HeadingLessons:
         if isinstance(model, HeadingModel):
             self._models[model.device] = model
             self._tried.pop(model.device, None)
+
+    def regret(self, former: Message, since: float) -> tuple[float, float] | None:
+        """See ``Critic``: by how much walks since would rather have had the bias before taken off."""
+        model = self._models.get(former.device) if isinstance(former, HeadingModel) else None
+        if model is None or not isinstance(former, HeadingModel):
+            return None
+        rows = self._rows.get(model.device, np.empty((0, 5)))
+        angles = _angles(rows[rows[:, T] > since])
+        if len(angles) < LEAST_GROUPS:
+            return None
+        ours, theirs = _wrapped(angles - model.bias), _wrapped(angles - former.bias)
+        gain = gain_of(ours, theirs, np.arange(len(angles)), math.sqrt(model.variance))
+        return gain.mean, float(gain.margin)
 
     def lesson(self, device: str) -> dict[str, float | None]:
         """Return what ``DeviceLessons`` tells of a device's headings: heading_bias, heading_error."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Gain", "gain_of"]
+__all__ = ["LEAST_GROUPS", "Gain", "gain_of"]
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from services.learning.proposal import Proposal
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
-from services.learning.walking.held_out import Gain, gain_of
+from services.learning.walking.held_out import LEAST_GROUPS, Gain, gain_of
 from services.learning.walking.runs import STEPS, runs_of
 from shared.learning_report import ModelKind
 from shared.messages import Message, StrideModel
@@ -112,6 +112,19 @@ class StrideLessons:
         if isinstance(model, StrideModel):
             self._lines[model.device] = model
             self._tried.pop(model.device, None)
+
+    def regret(self, former: Message, since: float) -> tuple[float, float] | None:
+        """See ``Critic``; what steps were taken for before any line was live cannot be told afterwards."""
+        if not isinstance(former, StrideModel) or former.device not in self._lines or _unknown(former):
+            return None
+        rows = self._rows.get(former.device, np.empty((0, 6)))
+        rows = rows[rows[:, T] > since]
+        if len(np.unique(rows[:, STRETCH])) < LEAST_GROUPS:
+            return None
+        before = former.slope * rows[:, CADENCE] + former.offset
+        ours = self._lengths_in_use(former.device, rows)
+        gain = gain_of(rows[:, WAY] - ours, rows[:, WAY] - before, rows[:, STRETCH], RUN_SIGMA)
+        return gain.mean, float(gain.margin)
 
     def lesson(self, device: str) -> dict[str, float | bool | None]:
         """Return what ``DeviceLessons`` tells of a device's steps: slope, offset, r2, steps, used."""

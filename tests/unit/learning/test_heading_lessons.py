@@ -57,6 +57,24 @@ def test_what_was_said_before_a_model_went_live_is_not_taken_for_what_was_said_u
     assert len(lessons.state()["devices"]["phone"]["rows"]) == len(before) + 1
 
 
+@pytest.mark.parametrize(("after", "regretted"), [(20.0, False), (0.0, True)])
+def test_walks_that_came_after_tell_whether_the_bias_before_was_better(after: float, regretted: bool) -> None:
+    lessons = taught(20.0, 8.0, 1)
+    [proposal] = lessons.propose(2000.0, 1500.0)
+    former = HeadingModel(t=0.0, device="phone", version=0, bias=0.0, variance=3.0)
+    assert lessons.regret(former, 2000.0) is None
+    lessons.activated(proposal.model)
+    assert lessons.regret(former, 2000.0) is None, "nobody has walked since"
+    rng = np.random.default_rng(9)
+    assert isinstance(proposal.model, HeadingModel)
+    for k in range(8):
+        turned = math.radians(after) - proposal.model.bias + rng.normal(0.0, 0.1)  # the gateway took the bias off
+        lessons.learn(walked(rng, 3000.0 + 100.0 * k, turned=turned, walk=100 + k))
+    told = lessons.regret(former, 2000.0)
+    assert told is not None
+    assert (told[0] > told[1]) is regretted
+
+
 def test_biases_either_side_of_half_a_turn_do_not_cancel_and_flips_are_outliers() -> None:
     runs = np.full(8, 3.0)
     assert bias_of(np.full(8, math.radians(20.0)), runs).mean == pytest.approx(math.radians(20.0), abs=0.06)

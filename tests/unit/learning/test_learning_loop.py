@@ -22,7 +22,7 @@ from services.learning.tracks.stretch import Stretch
 from services.learning.tracks.verdict import Verdict
 from services.learning.trials import Inline, Pace
 from shared.learning_report import ModelKind
-from shared.messages import Erasure, Message, RadioModelUpdate, RadioScan
+from shared.messages import Erasure, HeadingModel, Message, RadioModelUpdate, RadioScan
 
 BEGIN = 1000.0
 BEFORE = BEGIN - 100.0
@@ -331,11 +331,12 @@ def test_words_say_what_learning_waits_for() -> None:
     assert world.loop.words("hall") == "learns"
 
 
-def test_kinds_without_a_question_end_their_probation_at_once() -> None:
+def test_kinds_that_nobody_can_judge_end_their_probation_at_once() -> None:
     world = World()
-    world.walker.proposals = [Proposal("stride", "d-1", "hall", stride(), BEFORE, gain=1.0, margin=0.1)]
+    turned = HeadingModel(t=0.0, device="d-1", version=0, bias=0.2, variance=0.1)
+    world.walker.proposals = [Proposal("heading", "d-1", "hall", turned, BEFORE, gain=1.0, margin=0.1)]
     world.live_until(BEGIN + 30.0)
-    kind: ModelKind = "stride"
+    kind: ModelKind = "heading"
     live = world.loop.store.active(kind, "d-1")
     assert live is not None
     assert not live.probation
@@ -411,3 +412,22 @@ def test_numbers_of_numpy_in_a_state_are_saved_like_any_other() -> None:
     world.learner.known = {"rate": np.float64(0.5), "row": np.arange(2)}
     world.loop.save(BEGIN)
     assert world.loop.store.states()["test-radio"] == b'{"rate":0.5,"row":[0,1]}'
+
+
+@pytest.mark.parametrize(
+    ("regretted", "told"), [((0.2, 0.1), ["activated", "rolled back"]), ((0.05, 0.1), ["activated"])]
+)
+def test_what_fusion_cannot_try_goes_back_when_its_learner_regrets_it(
+    regretted: tuple[float, float], told: list[str]
+) -> None:
+    world = World()
+    world.walker.proposals = [
+        Proposal("stride", "d-1", "hall", stride("d-1"), BEFORE, gain=0.3, margin=0.1, reason="learned")
+    ]
+    world.live_until(BEGIN + 20.0)
+    world.walker.proposals = []
+    assert world.loop.store.on_probation(), "too little has come to tell"
+    world.walker.regretted = regretted
+    world.live_until(BEGIN + 40.0, BEGIN + 20.0)
+    assert world.decisions() == told
+    assert not world.loop.store.on_probation()

@@ -86,6 +86,25 @@ def test_a_line_in_use_is_not_proposed_again_and_nothing_new_is_not_looked_at_tw
     assert len(lessons.propose(2003.0, 1000.0)) == 1
 
 
+def test_steps_that_came_after_tell_whether_the_line_before_was_better() -> None:
+    lessons = taught(0.6, 0.6)
+    wrong, right = (
+        StrideModel(t=1000.0, device="phone", version=n, slope=0.0, offset=length, scale_variance=0.01)
+        for n, length in ((2, 0.8), (1, 0.6))
+    )
+    anybody = StrideModel(t=0.0, device="phone", version=0, slope=0.0, offset=0.0, scale_variance=0.0)
+    lessons.activated(wrong)
+    assert lessons.regret(right, 1000.0) is None, "nobody has walked since"
+    told = lessons.regret(right, 0.0)
+    assert told is not None
+    assert told[0] > told[1] > 0.0
+    lessons.activated(right)
+    told = lessons.regret(wrong, 0.0)
+    assert told is not None
+    assert told[0] < 0.0
+    assert lessons.regret(anybody, 0.0) is None
+
+
 def test_few_steps_teach_nothing() -> None:
     assert taught(0.5, 0.7, stretches=3).propose(2000.0, 1000.0) == []
     assert taught(0.5, 0.7).propose(2000.0, 50.0) == []  # all but one stretch are newer than what may teach
