@@ -122,7 +122,8 @@ class Gate:
         spread = trial.spread
         if spread is None:
             return Ruling("refuse", "one phone alone was heard, and nothing tells how sure its gain is", trial.gain)
-        errors = wanted.at_once if looks < 2 else wanted.errors
+        # What made a candidate urgent spoke for it before the trial, on other time: that was the first look.
+        errors = wanted.errors if looks > 1 or proposal.urgent else wanted.at_once
         margin = stricter * max(wanted.least_gain, errors * spread)
         fault = self._fault(trial, margin, witnesses)
         gain = trial.gain or 0.0

@@ -1,5 +1,6 @@
 """The gate lets nothing through that could be chance, one phone's word, or a loss of names."""
 
+import dataclasses
 import math
 
 import pytest
@@ -81,6 +82,12 @@ def test_what_is_better_but_not_surely_is_tried_on_more_time_and_then_decided() 
     chance = trial([0.0031, 0.003], error=0.01)
     assert outcome(chance)[0] == "more"
     assert outcome(chance, chance)[0] == "refuse"  # 0.4 standard errors after two looks: it is not worth the wait
+
+
+def test_a_change_that_was_noticed_before_counts_as_a_look() -> None:
+    once = trial([0.006, 0.007, 0.0065], error=0.004)
+    assert outcome(once)[0] == "more"
+    assert GATE.of_trials(dataclasses.replace(PROPOSAL, urgent=True), [once]).outcome == "activate"
 
 
 def test_later_time_that_speaks_against_a_candidate_refuses_it() -> None:
