@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,8 +31,7 @@ class Comparison:
         seconds: how long.
         radio: (k,) by which its readings speak for each path, against no places.
         walk: (k,) by which its steps do, against what people's paths are like.
-        away: (k,) metres (root mean square) from its own track, and ``away_first`` when it began.
-        away_first: see above.
+        paths: (k, n, 2) metres, where they were about every second.
         fit: of the readings; None where there are none.
         stepped: share of the seconds of which the phone said how it walked.
     """
@@ -39,8 +39,7 @@ class Comparison:
     seconds: float
     radio: Array
     walk: Array
-    away: Array
-    away_first: Array
+    paths: Array
     fit: Fit | None
     stepped: float
 
@@ -48,6 +47,18 @@ class Comparison:
     def total(self) -> Array:
         """(k,) both together."""
         return self.radio + self.walk
+
+    @property
+    def away(self) -> Array:
+        """(k,) metres (root mean square) from its own track."""
+        away: Array = np.sqrt(((self.paths - self.paths[0]) ** 2).sum(axis=2).mean(axis=1))
+        return away
+
+    @property
+    def away_first(self) -> Array:
+        """(k,) metres from its own track when it began."""
+        away: Array = np.hypot(*(self.paths[:, 0] - self.paths[0, 0]).T)
+        return away
 
     @property
     def others(self) -> NDArray[np.int64]:
@@ -59,6 +70,17 @@ class Comparison:
         """Of the own track being the phone's by this alone, everybody being as likely beforehand."""
         rivals = np.minimum(self.total[self.others] - self.total[0], 50.0)
         return float(1.0 / (1.0 + np.exp(rivals).sum()))
+
+    def as_if_on(self, other: int) -> Comparison:
+        """Return what would be found had the phone been named on one of the others' tracks, and its own not been about:
+        a wrong name, and the hardest one to find out."""
+        order = np.concatenate([[other], np.delete(np.arange(1, len(self.paths)), other - 1)])
+        fit = self.fit
+        if fit is not None:
+            fit = dataclasses.replace(fit, gain=fit.gain[order], chi2=fit.chi2[order], offset=fit.offset[order])
+        return dataclasses.replace(
+            self, radio=self.radio[order], walk=self.walk[order], paths=self.paths[order], fit=fit
+        )
 
 
 def compare(
@@ -94,8 +116,7 @@ def compare(
         seconds=float(end - begin),
         radio=np.zeros(len(paths)) if fit is None else fit.gain,
         walk=walk_fit(walked, paths),
-        away=np.sqrt(((paths - paths[0]) ** 2).sum(axis=2).mean(axis=1)),
-        away_first=np.hypot(*(paths[:, 0] - paths[0, 0]).T),
+        paths=paths,
         fit=fit,
         stepped=float(walked.known.mean()),
     )

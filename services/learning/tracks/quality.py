@@ -10,6 +10,7 @@ carrier. The phone's part has a threshold chosen from the data, and ``swaps`` lo
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections import Counter, OrderedDict, deque
 from collections.abc import Mapping
 from typing import Any
@@ -21,8 +22,8 @@ from services.learning.tracks.radio_evidence import RadioBelief
 from services.learning.tracks.radio_habits import RadioHabits
 from services.learning.tracks.sight import SightScore
 from services.learning.tracks.stretch import Stretch
-from services.learning.tracks.swaps import AMBIGUOUS, CONTRADICTIONS, doubt
-from services.learning.tracks.threshold import Threshold
+from services.learning.tracks.swaps import CONTRADICTIONS, doubt
+from services.learning.tracks.threshold import REFUSED, Threshold
 from services.learning.tracks.verdict import Verdict
 from shared.learning_report import TrackLessons
 from shared.radio import PathLoss, ShadowingMap
@@ -41,9 +42,6 @@ what it tells is believed until that is past."""
 REMEMBERED = 10
 PHONES = 500
 """Phones of which that is remembered."""
-SHORT, HARDLY_SEEN = "too short to judge", "cameras saw too little of the person"
-UNTOLD = frozenset({SHORT, HARDLY_SEEN, AMBIGUOUS})
-"""Nothing speaks against these; only it is not sure."""
 LEAST_SEEN = 0.5
 """Share of the time cameras must have seen the track."""
 RECENT = 200
@@ -86,17 +84,20 @@ class QualityJudge:
         whole = compare(stretch, radio, shadowing, belief)
         printed = float(stretch.sight.sum() + whole.total[0])
         rate = printed / max(stretch.seconds, 1e-9)
-        reason = self._reason(stretch, whole, belief)
+        reason = _too_little(stretch)
+        if not reason:
+            usual = float(np.median(self._misfit)) if self._misfit else 1.0
+            reason = doubt(whole, self._parts(stretch, belief), usual)
+            score, other = _score(whole, reason), self._other_score(whole, usual)
+            reason = self._decided(stretch.device, reason, score)
+            if whole.fit is not None:
+                self._threshold.add(score, other)
+                if not reason:
+                    self._habits.learn(stretch.device, whole.fit)
+                    self._misfit.append(float(whole.fit.chi2[0]) / whole.fit.readings)
         self._habits.hear(stretch.point, stretch.level)
-        if whole.fit is not None and stretch.seconds >= SHORTEST:
-            others = whole.others
-            other = float(whole.total[self._rng.choice(others)]) / whole.seconds if len(others) else None
-            self._threshold.add(float(whole.total[0]) / whole.seconds, other)
-            if not reason:
-                self._habits.learn(stretch.device, whole.fit)
-                self._misfit.append(float(whole.fit.chi2[0]) / whole.fit.readings)
         self._recent.append((reason, rate))
-        return Verdict(printed, rate, not reason, reason, reason in UNTOLD and not self._liar(stretch.device))
+        return Verdict(printed, rate, not reason, reason)
 
     def belief(self, device: str) -> RadioBelief:
         """Return what good stretches tell so far of access points and of a phone, beyond the active model."""
@@ -160,29 +161,31 @@ class QualityJudge:
         self._model, self._mark = None, mark
         self._recent, self._misfit = deque(recent, maxlen=RECENT), deque(misfit, maxlen=RECENT)
 
-    def _reason(self, stretch: Stretch, whole: Comparison, belief: RadioBelief) -> str:
-        if stretch.seconds < SHORTEST:
-            return SHORT
-        if stretch.seen.mean() < LEAST_SEEN:
-            return HARDLY_SEEN
-        parts = []
-        if stretch.seconds >= 2.0 * PART:
-            borders = np.linspace(stretch.t[0], stretch.t[-1], int(stretch.seconds // PART) + 1)
-            parts = [
-                compare(stretch, *self._active(), belief, begin, end)
-                for begin, end in zip(borders[:-1].tolist(), borders[1:].tolist(), strict=True)
-            ]
-        usual = float(np.median(self._misfit)) if self._misfit else 1.0
-        reason = doubt(whole, parts, usual)
-        if self._lies(stretch.device, reason in CONTRADICTIONS):
+    def _parts(self, stretch: Stretch, belief: RadioBelief) -> list[Comparison]:
+        if stretch.seconds < 2.0 * PART:
+            return []
+        borders = np.linspace(stretch.t[0], stretch.t[-1], int(stretch.seconds // PART) + 1).tolist()
+        return [
+            compare(stretch, *self._active(), belief, begin, end)
+            for begin, end in itertools.pairwise(borders)
+        ]
+
+    def _other_score(self, whole: Comparison, usual: float) -> float | None:
+        """Return what the phone would score on somebody else's track; None where nobody was about."""
+        others = whole.others
+        if not len(others):
+            return None
+        wrong = whole.as_if_on(int(self._rng.choice(others)))
+        return _score(wrong, doubt(wrong, (), usual))
+
+    def _decided(self, device: str, reason: str, score: float) -> str:
+        if self._lies(device, reason in CONTRADICTIONS):
             return "this phone's radio was wrong too often lately"
         if reason:
             return reason
         if not np.isfinite(self._threshold.value):
             return "no phone here fits its own track better than it fits others"
-        if whole.total[0] / whole.seconds < self._threshold.value:
-            return "radio and steps fit too little of the way"
-        return ""
+        return "" if score >= self._threshold.value else "radio and steps fit too little of the way"
 
     def _lies(self, device: str, contradicted: bool) -> bool:
         """Note whether a stretch contradicted a phone's radio; return whether too many of its last ones did."""
@@ -191,16 +194,23 @@ class QualityJudge:
         self._contradicted[device] = told
         while len(self._contradicted) > PHONES:
             self._contradicted.popitem(last=False)
-        return self._liar(device)
-
-    def _liar(self, device: str) -> bool:
-        told = self._contradicted.get(device, ())
         return sum(told) >= LIAR and 2 * sum(told) >= len(told)
 
     def _active(self) -> tuple[PathLoss, ShadowingMap | None]:
         if self._model is None:
             raise RuntimeError("no stretch was judged yet")
         return self._model
+
+
+def _too_little(stretch: Stretch) -> str:
+    if stretch.seconds < SHORTEST:
+        return "too short to judge"
+    return "cameras saw too little of the person" if stretch.seen.mean() < LEAST_SEEN else ""
+
+
+def _score(comparison: Comparison, reason: str) -> float:
+    """Return nats per second of the phone's part, or ``REFUSED``."""
+    return REFUSED if reason else float(comparison.total[0]) / comparison.seconds
 
 
 def _mark(radio: PathLoss, shadowing: ShadowingMap | None) -> str:

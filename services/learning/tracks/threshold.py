@@ -15,7 +15,10 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Threshold"]
+__all__ = ["REFUSED", "Threshold"]
+
+REFUSED = -1e3
+"""The score of what was refused for another reason: it passes at no threshold."""
 
 HISTORY = 300
 """Scores remembered, of own and of other tracks."""
@@ -73,7 +76,8 @@ class Threshold:
             return self._first
         own, other = np.sort(self._own), np.sort(self._other)
         low = float(np.median(other))
-        wrong = min(float(np.searchsorted(own, low)) / len(own) / 0.5 + 1.0 / len(own), 1.0)
+        explained = float(np.searchsorted(other, low, side="right")) / len(other)
+        wrong = min(float(np.searchsorted(own, low, side="right") + 1) / len(own) / explained, 1.0)
         passing = 1.0 - np.arange(len(own)) / len(own)
         by_chance = wrong * (1.0 - np.searchsorted(other, own, side="left") / len(other))
         fine = np.flatnonzero((by_chance <= WRONG * passing) & (passing >= LEAST) & (own >= self._first))
