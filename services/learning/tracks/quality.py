@@ -44,6 +44,8 @@ PHONES = 500
 """Phones of which that is remembered."""
 LEAST_SEEN = 0.5
 """Share of the time cameras must have seen the track."""
+MISFITS, ENOUGH_MISFIT = 40, 5
+"""Stretches whose misfit tells what is usual, good or not: most are right, and after a change it must not take long."""
 RECENT = 200
 """Stretches told of in the report."""
 
@@ -63,7 +65,7 @@ class QualityJudge:
         self._contradicted: OrderedDict[str, deque[bool]] = OrderedDict()
         self._rng = np.random.default_rng(seed)
         self._recent: deque[tuple[str, float]] = deque(maxlen=RECENT)
-        self._misfit: deque[float] = deque(maxlen=RECENT)
+        self._misfit: deque[float] = deque(maxlen=MISFITS)
         self._model: tuple[PathLoss, ShadowingMap | None] | None = None
         self._mark = ""
 
@@ -86,15 +88,15 @@ class QualityJudge:
         rate = printed / max(stretch.seconds, 1e-9)
         reason = _too_little(stretch)
         if not reason:
-            usual = float(np.median(self._misfit)) if self._misfit else 1.0
+            usual = float(np.median(self._misfit)) if len(self._misfit) >= ENOUGH_MISFIT else 1.0
             reason = doubt(whole, self._parts(stretch, belief), usual)
             score, other = _score(whole, reason), self._other_score(whole, usual)
             reason = self._decided(stretch.device, reason, score)
             if whole.fit is not None:
                 self._threshold.add(score, other)
+                self._misfit.append(float(whole.fit.chi2[0]) / whole.fit.readings)
                 if not reason:
                     self._habits.learn(stretch.device, whole.fit)
-                    self._misfit.append(float(whole.fit.chi2[0]) / whole.fit.readings)
         self._habits.hear(stretch.point, stretch.level)
         self._recent.append((reason, rate))
         return Verdict(printed, rate, not reason, reason)
@@ -159,7 +161,7 @@ class QualityJudge:
         misfit = [float(one) for one in state["misfit"]]
         self._habits, self._threshold, self._contradicted = habits, threshold, contradicted
         self._model, self._mark = None, mark
-        self._recent, self._misfit = deque(recent, maxlen=RECENT), deque(misfit, maxlen=RECENT)
+        self._recent, self._misfit = deque(recent, maxlen=RECENT), deque(misfit, maxlen=MISFITS)
 
     def _parts(self, stretch: Stretch, belief: RadioBelief) -> list[Comparison]:
         if stretch.seconds < 2.0 * PART:

@@ -35,8 +35,8 @@ WORSE_PART = -12.0
 QUICK = (0.4, 7.0)
 """dB; no receiver's readings are steadier from second to second, rounding alone sees to that, and none that is carried
 about wilder."""
-MISFIT = 3.0
-"""Squared residuals, in units of what is expected of them, beyond which readings are not of this place or not real."""
+MISFIT = 1.8
+"""Squared residuals, in units of what is usual of them, beyond which readings are not of this place or not real."""
 
 
 def doubt(whole: Comparison, parts: Sequence[Comparison], usual_misfit: float = 1.0) -> str:
@@ -45,7 +45,7 @@ def doubt(whole: Comparison, parts: Sequence[Comparison], usual_misfit: float = 
     Args:
         whole: the phone against everybody, over the stretch.
         parts: over its parts, in order of time.
-        usual_misfit: what the squared residuals of good stretches are, in units of what is expected of them.
+        usual_misfit: what the squared residuals of most stretches are, in units of what is expected of them.
     """
     if whole.fit is None:
         return "the phone told no radio"
@@ -56,7 +56,7 @@ def doubt(whole: Comparison, parts: Sequence[Comparison], usual_misfit: float = 
     reason = _rival(whole, BETTER)
     if reason:
         return reason
-    if whole.radio[0] < 0.0 or whole.fit.chi2[0] > MISFIT * max(usual_misfit, 1.0) * whole.fit.readings:
+    if whole.radio[0] < 0.0 or whole.fit.chi2[0] > MISFIT * usual_misfit * whole.fit.readings:
         return MISPLACED
     for part in parts:
         if _rival(part, BETTER_PART) or part.total[0] < WORSE_PART:
