@@ -43,8 +43,8 @@ Array = NDArray[np.float64]
 
 NEAR = 1.0
 """Metres from the carrier within which a name is right."""
-LEAST_TOLD = 30
-"""Seconds of a minute that a device must be told to be somewhere."""
+LEAST_TOLD = 0.5
+"""Share of a minute for which a device must be told to be somewhere."""
 BUS = 0.3
 """Seconds after a track frame's time by which what it rests on has come."""
 
@@ -152,7 +152,7 @@ def device_minutes(record: WorldRecord, run: FusionRun, minute: float = 60.0) ->
             carrier = truth.position[:, list(truth.device).index(device)]
             away = np.hypot(*(said.position[told, number] - _at(truth.t, carrier, t[told])).T)
             told, away = told[np.isfinite(away)], away[np.isfinite(away)]
-            if len(told) < LEAST_TOLD:
+            if len(told) < LEAST_TOLD * minute:
                 continue
             track = said.track[told, number]
             nats = sum(
@@ -240,7 +240,7 @@ def agreement(found: Sequence[Judged], least: float = 8.0) -> dict[str, float]:
 def _sight_by_second(record: WorldRecord, run: FusionRun, t: Array) -> tuple[dict[tuple[int, int], float], float]:
     """Return the nats cameras spoke for each track up to each of (n,) seconds, and how much of people they see."""
     sight, nats = SightScore(camera_views(record.site, record.area).each), defaultdict[tuple[int, int], float](float)
-    detections = iter(message for message in record.arrivals if isinstance(message[1], DetectionFrame))
+    detections = iter([(t, message) for t, message in record.arrivals if isinstance(message, DetectionFrame)])
     arrival = next(detections, None)
     for frame in run.frames:
         while arrival is not None and arrival[0] <= frame.t + BUS:
@@ -279,13 +279,7 @@ class _Phone:
             steps += [(*row, batch.walk) for row in zip(*columns, strict=True)]
             if batch.activity == "still" and not batch.step_t:
                 still.append((batch.t_start, batch.t))
-        sizes = (3, 6, 2)
-        return cls(
-            *(
-                np.array(sorted(rows), float).reshape(-1, n)
-                for rows, n in zip((readings, steps, still), sizes, strict=True)
-            )
-        )
+        return cls(_table(readings, 3), _table(steps, 6), _table(still, 2))
 
     def along(self, device: str, t: Array, place: Array) -> Stretch:
         """Return the phone on a way (n, 2), with nobody else about."""
@@ -315,6 +309,10 @@ class _Phone:
             walk=steps[:, 5].astype(np.int64),
             still=still,
         )
+
+
+def _table(rows: Sequence[tuple[float, ...]], columns: int) -> Array:
+    return np.array(sorted(rows), float).reshape(-1, columns)
 
 
 def _at(known: Array, place: Array, t: Array) -> Array:

@@ -16,8 +16,9 @@ Array = NDArray[np.float64]
 
 BANDS = (0.6, 0.75, 0.9)
 """Borders of the told p's bands."""
-PRIOR = 6.0
-"""Names that the told p counts for in a band."""
+PRIOR = 24.0
+"""Names that the told p counts for in a band: many, since names told soon after one another stand or
+fall together."""
 MISLED = 0.05
 """Share of the names for which what comes afterwards misleads: tracks pass from one person to another, bodies turn."""
 ROUNDS = 60

@@ -12,7 +12,7 @@ import math
 import zlib
 from bisect import bisect_left, insort
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,6 +45,13 @@ OLDEST = 3600.0
 """Seconds after which a claim no longer counts."""
 HEARD = 5.0
 """Seconds since a phone last told anything for which it counts as heard."""
+TOGETHER = 4.0
+"""Claims that are right or wrong together: what is told every few seconds is judged by much the same evidence."""
+SIGMAS = 1.28
+"""Standard deviations of the share of wrong names, between which (80 %) the p90 is looked at …"""
+UNSURE = 2.0
+"""… and if it differs by more than this factor, it is not told: names are wrong in about a tenth of the time, and
+whether it is a little less or more decides between centimetres and metres."""
 FEWEST = 10
 """Claims from which on anything is reported."""
 MEMORY = 900.0
@@ -201,20 +208,16 @@ class SelfReport:
         right = right_probabilities(
             np.array([claim.told for claim in claims]), np.array([claim.ratio for claim in claims])
         )
-        errors, weights = [], []
-        for claim, probability in zip(claims, right.tolist(), strict=True):
-            errors.append(RAYLEIGH * math.sqrt(claim.variance))
-            weights.append(np.full(len(RAYLEIGH), probability / len(RAYLEIGH)))
-            errors.append(claim.away)
-            weights.append((1.0 - probability) * claim.weight)
-        error, weight = np.concatenate(errors), np.concatenate(weights)
-        order = np.argsort(error)
-        error, weight = error[order], weight[order] / weight.sum()
-        p50, p90 = np.interp((0.5, 0.9), np.cumsum(weight) - 0.5 * weight, error)
+        p50, p90 = _quantiles(claims, right, (0.5, 0.9))
+        wrong = float(1.0 - right.mean())
+        spread = math.sqrt((wrong * (1.0 - wrong) + float((right * (1.0 - right)).mean())) / (len(claims) / TOGETHER))
+        likely = [max(wrong + side * SIGMAS * spread, 0.0) / max(wrong, 1e-9) for side in (-1.0, 1.0)]
+        low, high = (_quantiles(claims, 1.0 - np.minimum(scale * (1.0 - right), 1.0), (0.9,))[0] for scale in likely)
+        error, weight = _errors(claims, right)
         return AccuracyReport(
             rms=math.sqrt(float(weight @ error**2)),
-            p50=float(p50),
-            p90=float(p90),
+            p50=p50,
+            p90=p90 if high <= UNSURE * low else None,
             named=named,
             right=float(right.mean()),
             seconds=self._seconds,
@@ -268,3 +271,21 @@ class SelfReport:
             other_t=np.array([picture.t for picture in during]),
             other_place=places,
         )
+
+
+def _errors(claims: Sequence[Claim], right: Array) -> tuple[Array, Array]:
+    """Return errors (k,) in ascending order, metres, and how likely each is: as tracks err where names are right, as
+    far as their phones may be where not."""
+    errors, weights = [], []
+    for claim, probability in zip(claims, right.tolist(), strict=True):
+        errors += [RAYLEIGH * math.sqrt(claim.variance), claim.away]
+        weights += [np.full(len(RAYLEIGH), probability / len(RAYLEIGH)), (1.0 - probability) * claim.weight]
+    error, weight = np.concatenate(errors), np.concatenate(weights)
+    order = np.argsort(error)
+    return error[order], weight[order] / weight.sum()
+
+
+def _quantiles(claims: Sequence[Claim], right: Array, shares: Sequence[float]) -> list[float]:
+    error, weight = _errors(claims, right)
+    found: list[float] = np.interp(shares, np.cumsum(weight) - 0.5 * weight, error).tolist()
+    return found

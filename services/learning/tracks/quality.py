@@ -167,10 +167,7 @@ class QualityJudge:
         if stretch.seconds < 2.0 * PART:
             return []
         borders = np.linspace(stretch.t[0], stretch.t[-1], int(stretch.seconds // PART) + 1).tolist()
-        return [
-            compare(stretch, *self._active(), belief, begin, end)
-            for begin, end in itertools.pairwise(borders)
-        ]
+        return [compare(stretch, *self._active(), belief, begin, end) for begin, end in itertools.pairwise(borders)]
 
     def _other_score(self, whole: Comparison, usual: float) -> float | None:
         """Return what the phone would score on somebody else's track; None where nobody was about."""

@@ -10,6 +10,7 @@ from fusion_world import make_site
 from numpy.typing import NDArray
 from unit.learning.walking_crowd import POINTS, Crowd
 
+from services.learning.accuracy.claims import Claim
 from services.learning.accuracy.name_shares import right_probabilities
 from services.learning.accuracy.self_report import SelfReport
 from services.learning.tracks.quality import QualityJudge
@@ -101,6 +102,19 @@ def test_reported_and_true_error_agree(wrong: int) -> None:
         assert told.rms == pytest.approx(true, rel=0.5)
     else:
         assert told.p50 == pytest.approx(0.12, abs=0.04)
+
+
+@pytest.mark.parametrize(("wrong", "told"), [(0.02, True), (0.13, False), (0.4, True)])
+def test_the_p90_is_told_only_where_the_share_of_wrong_names_decides_it(wrong: float, told: bool) -> None:
+    report, rng = SelfReport(("a",), np.zeros((0, 2))), np.random.default_rng(0)
+    for number in range(400):
+        ratio = -8.0 if rng.random() < wrong else 8.0
+        report._claims.append(Claim(T0 + number, 0.9, 0.02, ratio, np.array([3.0]), np.ones(1)))
+    found = report.report()
+    assert (found.p90 is not None) == told
+    assert found.rms is not None
+    if found.p90 is not None:
+        assert found.p90 == pytest.approx(0.21 if wrong < 0.1 else 3.0, rel=0.25)
 
 
 def test_nothing_is_reported_before_enough_names_were_judged_and_withdrawn_phones_are_forgotten() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from services.learning.tracks.threshold import Threshold
+from services.learning.tracks.threshold import REFUSED, Threshold
 
 
 def _filled(right: float, seed: int = 0, gap: float = 3.0) -> Threshold:
@@ -27,6 +27,18 @@ def test_few_wrong_ones_pass_and_most_right_ones_do(right: float) -> None:
     among = (1.0 - right) * wrong.mean() / ((1.0 - right) * wrong.mean() + right * good.mean())
     assert among < 0.2
     assert good.mean() > 0.75
+
+
+def test_where_other_checks_refuse_most_wrong_names_more_right_ones_pass() -> None:
+    rng = np.random.default_rng(2)
+    plain, checked = Threshold(-5.0), Threshold(-5.0)
+    for _ in range(40):
+        own, other = rng.normal(1.0, 1.0), rng.normal(0.5, 1.5)
+        plain.add(own, other)
+        checked.add(own if rng.random() < 0.8 else REFUSED, other if rng.random() < 0.2 else REFUSED)
+    assert math.isinf(plain.value)
+    assert math.isfinite(checked.value)
+    assert checked.value > REFUSED
 
 
 def test_where_every_name_is_wrong_nothing_passes() -> None:
