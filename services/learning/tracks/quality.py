@@ -22,7 +22,7 @@ from services.learning.tracks.radio_evidence import RadioBelief
 from services.learning.tracks.radio_habits import RadioHabits
 from services.learning.tracks.sight import SightScore
 from services.learning.tracks.stretch import Stretch
-from services.learning.tracks.swaps import CONTRADICTIONS, doubt
+from services.learning.tracks.swaps import AMBIGUOUS, CONTRADICTIONS, doubt
 from services.learning.tracks.threshold import REFUSED, Threshold
 from services.learning.tracks.verdict import Verdict
 from shared.learning_report import TrackLessons
@@ -42,6 +42,9 @@ what it tells is believed until that is past."""
 REMEMBERED = 10
 PHONES = 500
 """Phones of which that is remembered."""
+SHORT, HARDLY_SEEN = "too short to judge", "cameras saw too little of the person"
+UNTOLD = frozenset({SHORT, HARDLY_SEEN, AMBIGUOUS})
+"""Nothing speaks against these; only it is not sure."""
 LEAST_SEEN = 0.5
 """Share of the time cameras must have seen the track."""
 MISFITS, ENOUGH_MISFIT = 40, 5
@@ -99,7 +102,7 @@ class QualityJudge:
                     self._habits.learn(stretch.device, whole.fit)
         self._habits.hear(stretch.point, stretch.level)
         self._recent.append((reason, rate))
-        return Verdict(printed, rate, not reason, reason)
+        return Verdict(printed, rate, not reason, reason, reason in UNTOLD and not self._liar(stretch.device))
 
     def belief(self, device: str) -> RadioBelief:
         """Return what good stretches tell so far of access points and of a phone, beyond the active model."""
@@ -193,6 +196,10 @@ class QualityJudge:
         self._contradicted[device] = told
         while len(self._contradicted) > PHONES:
             self._contradicted.popitem(last=False)
+        return self._liar(device)
+
+    def _liar(self, device: str) -> bool:
+        told = self._contradicted.get(device, ())
         return sum(told) >= LIAR and 2 * sum(told) >= len(told)
 
     def _active(self) -> tuple[PathLoss, ShadowingMap | None]:
@@ -203,8 +210,8 @@ class QualityJudge:
 
 def _too_little(stretch: Stretch) -> str:
     if stretch.seconds < SHORTEST:
-        return "too short to judge"
-    return "cameras saw too little of the person" if stretch.seen.mean() < LEAST_SEEN else ""
+        return SHORT
+    return HARDLY_SEEN if stretch.seen.mean() < LEAST_SEEN else ""
 
 
 def _score(comparison: Comparison, reason: str) -> float:
