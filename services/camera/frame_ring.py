@@ -67,6 +67,11 @@ class FrameRing:
         self._lock = threading.Lock()
 
     @property
+    def keeps(self) -> bool:
+        """Whether it may hold anything."""
+        return self._limit > 0
+
+    @property
     def held_bytes(self) -> int:
         """Of packed pictures."""
         return self._bytes

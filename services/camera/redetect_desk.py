@@ -12,7 +12,9 @@ from typing import Any, BinaryIO, cast
 
 import cv2
 import msgspec
+import numpy as np
 import structlog
+from numpy.typing import NDArray
 
 from services.camera.detector import Image
 from services.camera.frame_ring import FrameRing, KeptFrame, unpack
@@ -22,6 +24,9 @@ from shared.bus import Question
 from shared.site import Camera
 
 __all__ = ["RedetectDesk"]
+
+LEAST_NICE = 19
+"""The lowest priority there is."""
 
 log = structlog.get_logger(__name__)
 
@@ -36,6 +41,8 @@ class RedetectDesk:
         configured: its options as configured.
         ring: the last minutes' pictures.
         empty: returns the scene without people, or None while it is not known.
+        alignment: returns the learned correction of the plan (3, 3) in use, and its version.
+        doubt: returns why the view cannot teach, in plain words; empty where it can.
         patience: seconds a trial may take.
     """
 
@@ -47,12 +54,16 @@ class RedetectDesk:
         configured: Mapping[str, Any],
         ring: FrameRing,
         empty: Callable[[], Image | None],
+        alignment: Callable[[], tuple[NDArray[np.float64], int]],
+        doubt: Callable[[], str],
         patience: float,
     ) -> None:
         self._camera, self._floor = camera, floor
         self._detector, self._configured = detector, configured
         self._ring = ring
         self._empty = empty
+        self._alignment = alignment
+        self._doubt = doubt
         self._patience = patience
         self._free = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
@@ -64,6 +75,12 @@ class RedetectDesk:
             options, since, until = read_question(question.payload, self._detector, self._configured)
         except RedetectError as error:
             question.answer(_refusal(str(error)))
+            return
+        if not self._ring.keeps:
+            question.answer(_refusal("no pictures: none are kept, ring_megabytes is 0"))
+            return
+        if doubt := self._doubt():
+            question.answer(_refusal(f"its pictures cannot teach: {doubt}"))
             return
         if self._closed or not self._free.acquire(blocking=False):
             question.answer(_refusal("busy: other options are being tried; ask again later"))
@@ -93,6 +110,7 @@ class RedetectDesk:
                 _resized(self._empty(), kept[-1]),
                 begin,
                 end,
+                *self._alignment(),
             )
             question.answer(self._run(job, kept))
             self._ring.ask()  # the next question's patience begins now
@@ -108,6 +126,7 @@ class RedetectDesk:
             stderr=subprocess.PIPE,
             env=environment,
         ) as self._process:
+            _give_way(self._process.pid)
             late = threading.Timer(self._patience, self._process.kill)
             late.start()
             try:
@@ -121,10 +140,21 @@ class RedetectDesk:
                 late.cancel()
         if self._process.returncode != 0:
             if expired:
-                return _refusal(f"the trial took more than {self._patience:g} s; keep fewer pictures (ring_minutes)")
+                return _refusal(
+                    f"the trial took more than {self._patience:g} s: the machine has little time to spare, "
+                    "or too many pictures are kept (ring_minutes)"
+                )
             log.warning("a trial failed", status=self._process.returncode, reason=said.decode(errors="replace")[-500:])
             return _refusal("the trial failed; the camera's log says why")
         return told
+
+
+def _give_way(process: int) -> None:
+    """Let a process have only what time nobody else wants: live pictures, ours and other cameras', come first."""
+    with contextlib.suppress(OSError):  # it ended already, or this machine's owner forbids it
+        os.setpriority(os.PRIO_PROCESS, process, LEAST_NICE)
+        if hasattr(os, "SCHED_IDLE"):
+            os.sched_setscheduler(process, os.SCHED_IDLE, os.sched_param(0))
 
 
 def _resized(empty: Image | None, like: KeptFrame) -> Image | None:

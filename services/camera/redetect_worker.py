@@ -1,11 +1,10 @@
-"""The process in which other detector options are tried: of low priority, so that live pictures never wait.
+"""The process in which other detector options are tried; its parent gives it what time nobody else wants.
 
-Its parent sends a job and then picture after picture through its standard input; the answer leaves by standard output.
+The parent sends a job and then picture after picture through its standard input; the answer leaves by standard output.
 """
 
 from __future__ import annotations
 
-import os
 import pickle
 import struct
 import sys
@@ -21,7 +20,6 @@ from services.camera.redetection import Job, redetect
 
 __all__ = ["send"]
 
-NICE = 10
 _HEAD = struct.Struct("<dI")
 """Of each picture: time and length."""
 
@@ -54,6 +52,5 @@ def _work() -> None:
 
 
 if __name__ == "__main__":
-    os.nice(NICE)
     cv2.setNumThreads(1)
     _work()

@@ -7,15 +7,17 @@ detector's rates are per second: that fewer pictures are kept than were taken do
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from services.camera.detector import DetectorError, Image, check_detector
 from services.camera.frame_ring import KeptFrame, unpack
 from services.camera.pipeline import Pipeline, to_message
+from services.camera.projection import aligned
 from shared.messages import DetectionFrame
 from shared.site import Camera
 
@@ -40,7 +42,8 @@ class _Question(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Redetected(msgspec.Struct, frozen=True, kw_only=True):
     """The answer: frames as the camera would have published them, from ``since`` to ``until``, and how many a second.
 
-    ``seconds`` is the time they span; ``options`` what was worked with, all of it; ``took`` what finding them cost.
+    ``seconds`` is the time they span; ``options`` what was worked with, all of it; ``alignment`` the version of the
+    learned correction of the calibration; ``took`` what finding them cost.
     """
 
     frames: list[DetectionFrame]
@@ -49,6 +52,7 @@ class Redetected(msgspec.Struct, frozen=True, kw_only=True):
     seconds: float
     rate: float
     options: dict[str, float]
+    alignment: int = 0
     took: float = 0.0
 
 
@@ -65,6 +69,8 @@ class Job:
         empty: the scene without people, of the size of the kept pictures; None: the detector begins cold.
         since: nothing before this time is told.
         until: nor after.
+        homography: (3, 3) learned correction of the plan (``CameraAlignment``), as live detections go through.
+        alignment: its version.
     """
 
     camera: Camera
@@ -75,6 +81,8 @@ class Job:
     empty: Image | None
     since: float
     until: float
+    homography: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+    alignment: int = 0
 
 
 def read_question(
@@ -103,7 +111,7 @@ def reported(kept: Sequence[KeptFrame], since: float | None, until: float | None
         RedetectError: too little is kept.
     """
     if not kept:
-        raise RedetectError("no pictures are kept: the camera has just begun, or ring_megabytes is 0")
+        raise RedetectError("too few pictures are kept yet: the camera has just begun, or was set going again")
     first, last = kept[0].t, kept[-1].t
     warm = first + min(WARM_UP, (last - first) / 3.0)
     begin = warm if since is None else max(warm, since)
@@ -126,7 +134,7 @@ def redetect(job: Job, kept: Iterable[KeptFrame]) -> Redetected:
         if frame.t > job.until:
             break
         image = unpack(frame)
-        found = pipeline.process(image, frame.t)
+        found = aligned(pipeline.process(image, frame.t), job.homography)
         if frame.t < job.since:
             continue
         width, height = job.size
@@ -141,4 +149,5 @@ def redetect(job: Job, kept: Iterable[KeptFrame]) -> Redetected:
         seconds=seconds,
         rate=(len(frames) - 1) / seconds if seconds > 0.0 else 0.0,
         options=pipeline.options,
+        alignment=job.alignment,
     )

@@ -80,6 +80,8 @@ class CameraService(Service[CameraSettings]):
             settings.detector_options,
             self._ring,
             lambda: self._scene.picture,
+            lambda: (self._alignment, self._alignment_version),
+            lambda: self._watch.verdict or self._pipeline.doubt,
             settings.redetect_patience,
         )
         self._alignment, self._alignment_version = np.eye(3), 0
@@ -226,6 +228,8 @@ class CameraService(Service[CameraSettings]):
             if np.linalg.det(homography) <= 0.0:
                 log.warning("alignment refused: allowed: determinant above 0", homography=told.homography)
                 continue
+            if not np.array_equal(homography, self._alignment):
+                self._watch.forget()  # what the camera shows now is what it is aligned to
             self._alignment, self._alignment_version = homography, told.version
             log.info("alignment", version=told.version, reason=told.reason)
         return self._alignment

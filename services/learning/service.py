@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import threading
 import time
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ from services.learning.activation.database import SCHEMA, migrate, open_learning
 from services.learning.activation.gate import Gate
 from services.learning.activation.kinds import PERSONAL, kind_of, subject_of
 from services.learning.activation.store import ModelStore
+from services.learning.cameras.detector_lessons import NO_PICTURES
 from services.learning.commands import Commands
 from services.learning.learners import Tools, areas_of, lessons_of
 from services.learning.loop import LearningLoop
@@ -68,6 +70,7 @@ class LearningService(Service[LearningSettings]):
         if problem is not None:
             raise ServiceError(problem)
         areas = settings.areas or [area.id for area in site.areas]
+        self._turn_of_area = {area: threading.Lock() for area in areas}
         tools = Tools(self._redetect, self._rescore, DaemonExecutor(), self.stopping.wait)
         self.loop = LearningLoop(
             areas_of(site, areas),
@@ -171,12 +174,14 @@ class LearningService(Service[LearningSettings]):
             question.answer(msgspec.json.encode({"done": False, "words": words}))
 
     def _rescore(self, area: str, question: bytes) -> Mapping[str, Any]:
-        """Ask fusion of an area; called in a thread of its own."""
-        return self._asked(self.keys.rescore(area), question, f"fusion of area {area} does not answer")
+        """Ask fusion of an area, which tries one candidate at a time; called in threads of their own, in turns."""
+        with self._turn_of_area[area]:
+            return self._asked(self.keys.rescore(area), question, f"fusion of area {area} does not answer")
 
     def _redetect(self, camera: str, options: Mapping[str, float]) -> Mapping[str, Any]:
         question = msgspec.json.encode({"options": dict(options)})
-        return self._asked(self.keys.redetect(camera), question, f"camera {camera} does not answer")
+        silence = f"{NO_PICTURES} no process of camera {camera} answers; it is simulated, or down"
+        return self._asked(self.keys.redetect(camera), question, silence)
 
     def _asked(self, key: str, question: bytes, silence: str) -> Mapping[str, Any]:
         for _, payload in self.bus.ask(key, self.settings.patience, question):

@@ -357,8 +357,9 @@ def _decide(session: Session, row: ModelRow, decision: Any, how: Decided) -> Non
         version=row.version,
         decision=decision,
         reason=how.reason,
-        gain=how.gain,
-        margin=how.margin,
+        # Learners' numbers are often NumPy's, which JSON does not know.
+        gain=None if how.gain is None else float(how.gain),
+        margin=None if how.margin is None else float(how.margin),
         evidence=_finite(how.evidence),
         by=how.by,
     )

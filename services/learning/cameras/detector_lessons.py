@@ -19,7 +19,7 @@ from services.learning.tracks.stretch import Stretch
 from shared.learning_report import ModelKind
 from shared.messages import DetectorSettings, Message
 
-__all__ = ["DetectorLessons"]
+__all__ = ["NO_PICTURES", "DetectorLessons"]
 
 EVERY = 3600.0
 """Seconds between two sweeps of one area's cameras."""
@@ -28,6 +28,10 @@ FEWEST = 5
 TRIES = 20
 """Times a busy camera or fusion is asked again, each after ``PAUSE`` seconds."""
 PAUSE = 5.0
+NO_PICTURES = "no pictures:"
+"""How the answer begins where there are none to try options on: nothing to be waited for."""
+RARELY = 6.0 * 3600.0
+"""Seconds after which a camera without pictures is asked again."""
 
 Redetect = Callable[[str, Mapping[str, float]], Mapping[str, Any]]
 Rescore = Callable[[str, bytes], Mapping[str, Any]]
@@ -60,8 +64,11 @@ class DetectorLessons:
         self._cameras = tuple(cameras)
         self._redetect, self._rescore = redetect, rescore
         self._executor, self._wait = executor, wait
-        self._active: dict[str, dict[str, float]] = {}
+        self._active: dict[str, DetectorSettings] = {}
         self._swept: dict[str, float] = {}
+        self._pictureless: dict[str, float] = {}
+        """When a camera last said that it has no pictures."""
+        self._now = 0.0
         self._stretches = 0
         self._running: tuple[str, Future[tuple[DetectorChoice, float]]] | None = None
         self.words: dict[str, str] = {}
@@ -82,39 +89,66 @@ class DetectorLessons:
                 return ()
             self._running = None
             return self._found(camera, future)
-        last = max(self._swept.values(), default=-EVERY)
-        if last > now:  # a clock was set back
+        if max([*self._swept.values(), *self._pictureless.values()], default=now) > now:  # a clock was set back
             self._swept.clear()
-        elif now - last >= EVERY and self._stretches >= FEWEST and self._cameras:
-            camera = min(self._cameras, key=lambda name: self._swept.get(name, -EVERY))
+            self._pictureless.clear()
+        self._now = now
+        last = max(self._swept.values(), default=-EVERY)
+        if now - last >= EVERY and self._stretches >= FEWEST and (able := self._with_pictures()):
+            camera = min(able, key=lambda name: self._swept.get(name, -EVERY))
             self._swept[camera] = now
             self._stretches = 0
-            self._running = camera, self._executor.submit(self._sweep, camera, dict(self._active.get(camera, {})))
+            self._running = camera, self._executor.submit(self._sweep, camera, self._options(camera))
         return ()
 
     def activated(self, model: Message) -> None:
         """Other options are in use from now on; a sweep under way was held against the ones before, and is dropped."""
         if isinstance(model, DetectorSettings) and model.camera in self._cameras:
-            self._active[model.camera] = dict(model.options)
+            self._active[model.camera] = model
             if self._running is not None and self._running[0] == model.camera:
                 self._running = None
 
     def tell(self, draft: ReportDraft) -> None:
         """Add the options in use, and what the last sweep of each camera found."""
         for camera in self._cameras:
-            draft.camera(camera, self.area, options=dict(self._active.get(camera, {})))
-            draft.camera_words(camera, self.area, self.words.get(camera, ""))
+            active = self._active.get(camera)
+            version = 0 if active is None else active.version
+            draft.camera(camera, self.area, version=version, options=self._options(camera))
+            draft.camera_words(camera, self.area, self._words_of(camera))
+
+    def _words_of(self, camera: str) -> str:
+        """Return what is done or waited for, or what was found last."""
+        if self._running is not None and self._running[0] == camera:
+            return "other detector options are being tried on its last minutes"
+        if camera in self.words:
+            return self.words[camera]
+        if self._stretches < FEWEST:
+            return (
+                f"its detector's options are tried once people with phones have walked well in view: "
+                f"{self._stretches} of {FEWEST} walks so far"
+            )
+        return "its detector's options are tried soon"
 
     def state(self) -> dict[str, Any]:
         """Return when each camera was swept last; what is active is told anew after a restart."""
-        return {"swept": dict(self._swept)}
+        return {"swept": dict(self._swept), "pictureless": dict(self._pictureless)}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from ``state()``; see ``Learner``."""
         try:
-            self._swept = msgspec.convert(state["swept"], dict[str, float])
+            swept = msgspec.convert(state["swept"], dict[str, float])
+            pictureless = msgspec.convert(state.get("pictureless", {}), dict[str, float])
         except (KeyError, msgspec.ValidationError) as error:
-            raise ValueError(f"detector lessons: swept: {error}") from error
+            raise ValueError(f"detector lessons: swept or pictureless: {error}") from error
+        self._swept, self._pictureless = swept, pictureless
+
+    def _with_pictures(self) -> list[str]:
+        """Return the cameras that may have pictures: all but those that said lately that they have none."""
+        return [name for name in self._cameras if self._now - self._pictureless.get(name, -RARELY) >= RARELY]
+
+    def _options(self, camera: str) -> dict[str, float]:
+        active = self._active.get(camera)
+        return {} if active is None else dict(active.options)
 
     def _found(self, camera: str, future: Future[tuple[DetectorChoice, float]]) -> Sequence[Proposal]:
         error = future.exception()
@@ -122,7 +156,10 @@ class DetectorLessons:
             self.words[camera] = f"its options could not be tried: {error}"
             return ()
         choice, newest = future.result()
-        proposal = choice.proposal(camera, self.area, newest, self._active.get(camera, {}))
+        if choice.refused.startswith(NO_PICTURES):
+            self._swept.pop(camera, None)  # the next one need not wait
+            self._pictureless[camera] = self._now
+        proposal = choice.proposal(camera, self.area, newest, self._options(camera))
         self.words[camera] = choice.refused or (
             "its detector is set as well as can be told" if proposal is None else proposal.reason
         )
@@ -141,8 +178,8 @@ class DetectorLessons:
             if all(begin["options"][name] == value for name, value in options.items()):
                 return begin
             told = self._asked(lambda: _checked(camera, self._redetect(camera, {**active, **options})))
-            # Other pictures cannot be compared.
-            same = "error" not in told and (told["since"], told["until"]) == (begin["since"], begin["until"])
+            # Other pictures, or people put elsewhere on the plan, cannot be compared.
+            same = "error" not in told and all(told[name] == begin[name] for name in ("since", "until", "alignment"))
             nonlocal anybody
             anybody = anybody or (same and _shows_anybody(told))
             return told if same else None
@@ -181,6 +218,7 @@ class _Redetected(msgspec.Struct, frozen=True):
     since: float
     until: float
     options: dict[str, float]
+    alignment: int = 0
 
 
 def _shows_anybody(told: Mapping[str, Any]) -> bool:

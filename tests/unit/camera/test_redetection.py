@@ -1,5 +1,6 @@
 """Other options on the kept pictures: the same answer the camera would have given, or a clear refusal."""
 
+import dataclasses
 import math
 
 import cv2
@@ -83,6 +84,17 @@ def test_only_the_asked_time_is_told_and_the_warm_up_never(kept: tuple[KeptFrame
     assert reported(kept, 1025.0, 2000.0) == (1025.0, kept[-1].t)
 
 
+def test_people_are_put_where_the_learned_alignment_puts_them(kept: tuple[KeptFrame, ...]) -> None:
+    homography = np.array([[1.0, 0.0, 3.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])
+    plain = redetect(job({}), kept[:80])
+    moved = redetect(dataclasses.replace(job({}), homography=homography, alignment=4), kept[:80])
+    assert (plain.alignment, moved.alignment) == (0, 4)
+    assert sum(len(frame.x) for frame in plain.frames) > 25
+    for before, after in zip(plain.frames, moved.frames, strict=True):
+        assert after.x == pytest.approx([x + 3.0 for x in before.x])
+        assert after.y == pytest.approx([y - 1.0 for y in before.y])
+
+
 def test_a_scene_known_empty_leaves_no_ghost_of_who_stood_there_first(kept: tuple[KeptFrame, ...]) -> None:
     late = kept[50:]  # begins with somebody in the picture
     cold, primed = redetect(job({}), late), redetect(job({}, empty=True), late)
@@ -113,7 +125,7 @@ def test_configured_options_stay_where_none_is_asked_for() -> None:
 
 
 def test_too_little_kept_is_told(kept: tuple[KeptFrame, ...]) -> None:
-    with pytest.raises(RedetectError, match="ring_megabytes"):
+    with pytest.raises(RedetectError, match="has just begun"):
         reported((), None, None)
     with pytest.raises(RedetectError, match="5 s or more"):
         reported(kept, None, kept[0].t + 1.0)

@@ -9,11 +9,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.learning.cameras.detector_lessons import EVERY, FEWEST, DetectorLessons
+from services.learning.cameras.detector_lessons import EVERY, FEWEST, RARELY, DetectorLessons
 from services.learning.proposal import Learner
+from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
 from shared.messages import DetectorSettings
 
+CHANGES: tuple[tuple[tuple[str, Any], str], ...] = (
+    (("error", "its pictures cannot teach: it is covered"), "covered"),
+    (("moves", True), "well as can be told"),
+    (("turns", True), "well as can be told"),
+)
 NONE = np.zeros(0)
 WALK = Stretch(
     device="phone",
@@ -69,6 +75,8 @@ class Site:
         self.busy = 0
         self.until = 900.0
         self.moves = False
+        self.turns = False
+        self.alignment = 0
         self.error = ""
 
     def redetect(self, camera: str, options: Mapping[str, float]) -> Mapping[str, Any]:
@@ -79,13 +87,10 @@ class Site:
             return {"error": "busy: other options are being tried; ask again later"}
         self.asked.append((camera, dict(options)))
         self.until += self.moves
+        self.alignment += self.turns
         used = {"learning_rate": 0.003, "sensitivity": 16.0, "least_gain": 0.1, **options}
-        return {
-            "frames": [{"camera": camera, "x": [1.0], **used}],
-            "since": 600.0,
-            "until": self.until,
-            "options": used,
-        }
+        told = {"since": 600.0, "until": self.until, "options": used, "alignment": self.alignment}
+        return {"frames": [{"camera": camera, "x": [1.0], **used}], **told}
 
     def rescore(self, area: str, question: bytes) -> Mapping[str, Any]:
         asked = msgspec.json.decode(question)
@@ -168,7 +173,7 @@ def test_who_is_busy_is_asked_again_and_other_refusals_are_told() -> None:
     learner.propose(1000.0, 900.0)
     executor.run()
     assert learner.propose(1020.0, 900.0)
-    for change, told in ((("error", "no pictures are kept"), "no pictures"), (("moves", True), "well as can be told")):
+    for change, told in CHANGES:
         site, executor = Site(), Later()
         setattr(site, *change)
         learner = lessons(site, executor, "door")
@@ -188,3 +193,52 @@ def test_what_is_no_answer_of_a_camera_is_told_and_changes_nothing(answer: Mappi
     executor.run()
     assert learner.propose(1020.0, 900.0) == ()
     assert learner.words["door"].startswith("what camera door answers is not understood")
+
+
+def words(learner: DetectorLessons, camera: str) -> str:
+    draft = ReportDraft()
+    learner.tell(draft)
+    return next(told.words for told in draft.report(1.0, False, []).cameras if told.camera == camera)
+
+
+def test_a_camera_without_pictures_is_asked_rarely_and_holds_up_no_other() -> None:
+    site, executor = Site(), Later()
+    learner = lessons(site, executor, "simulated", "door")
+    site.error = "no pictures: no process of camera simulated answers"
+    learner.propose(1000.0, 900.0)
+    executor.run()
+    learner.propose(1060.0, 900.0)
+    assert "no pictures" in words(learner, "simulated")
+    site.error = ""
+    for _ in range(FEWEST):
+        learner.learn(WALK)
+    again = DetectorLessons("hall", ["simulated", "door"], site.redetect, site.rescore, executor, lambda _: None)
+    again.restore(learner.state())
+    for _ in range(FEWEST):
+        again.learn(WALK)
+    again.propose(1120.0, 900.0)  # the other one need not wait for an hour
+    executor.run()
+    assert {camera for camera, _ in site.asked} == {"door"}
+    for now in (1180.0, 1120.0 + EVERY, 1120.0 + 2.0 * EVERY, 1060.0 + RARELY):
+        for _ in range(FEWEST):
+            again.learn(WALK)
+        again.propose(now, 900.0)
+        executor.run()
+        again.propose(now + 1.0, 900.0)
+        assert {camera for camera, _ in site.asked} == ({"door", "simulated"} if now > RARELY else {"door"})
+
+
+def test_it_tells_what_it_waits_for_and_which_version_is_in_use() -> None:
+    site, executor = Site(), Later()
+    learner = DetectorLessons("hall", ["door"], site.redetect, site.rescore, executor, lambda _: None)
+    learner.learn(WALK)
+    assert f"1 of {FEWEST} walks" in words(learner, "door")
+    for _ in range(FEWEST):
+        learner.learn(WALK)
+    learner.propose(1000.0, 900.0)
+    assert "being tried" in words(learner, "door")
+    learner.activated(DetectorSettings(t=1.0, camera="door", version=7, options={"least_gain": 0.2}))
+    draft = ReportDraft()
+    learner.tell(draft)
+    [told] = draft.report(1.0, False, []).cameras
+    assert (told.version, told.options) == (7, {"least_gain": 0.2})

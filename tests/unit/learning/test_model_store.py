@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from learning_models import power_of, radio, stride
 from sqlalchemy import Engine, event, inspect
@@ -63,6 +64,13 @@ def test_a_model_that_goes_live_is_numbered_and_the_one_before_is_superseded(sto
     assert (live.model.version, live.model.t, live.model.reason) == (2, 200.0, "wins")
     assert [(one.version, one.state) for one in store.models()] == [(2, "active"), (1, "superseded")]
     assert power_of(store.before(live)) == -40.0
+
+
+def test_numbers_of_numpy_are_stored_like_any_others(store: ModelStore) -> None:
+    ruled = how(gain=np.float64(0.25), margin=np.float64(0.1), evidence={"error before": np.float32(0.5)})
+    store.activate(radio(power=-40.0), "radio", "hall", "hall", ruled)
+    [told] = store.history()
+    assert (told.gain, told.margin, told.evidence) == (0.25, 0.1, {"error before": 0.5})
 
 
 def test_a_roll_back_is_a_new_version_of_the_model_before_and_the_next_goes_one_further(store: ModelStore) -> None:
