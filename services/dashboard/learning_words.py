@@ -14,6 +14,7 @@ from shared.learning_report import (
     CameraLessons,
     DeviceLessons,
     LearningReport,
+    TrackLessons,
 )
 
 __all__ = [
@@ -44,6 +45,8 @@ _KINDS = {
     "heading": "heading",
     "alignment": "camera alignment",
 }
+REASONS = 4
+"""Why walks do not teach that are told at most."""
 NOTHING = '<p class="empty">{words}</p>'
 
 
@@ -53,10 +56,12 @@ def summary(report: LearningReport) -> str:
     if report.frozen:
         lines.append("<strong>Frozen by hand:</strong> what is learned does not go live until somebody unfreezes it.")
     for area in report.areas:
-        lines.append(f"<strong>Area {escape(area.area)}:</strong> {_sentence(area)}")
+        lines.append(f"<strong>Area {escape(area.area)}:</strong> {_sentence(area)}{_walks(area.tracks)}")
         lines += [_warning(fit.access_point, fit.state, fit.words) for fit in _odd(area)]
     for camera in report.cameras:
-        if camera.words or camera.alignment in ("doubtful", "knocked"):
+        if camera.words and camera.alignment not in ("doubtful", "knocked"):
+            lines.append(f"<strong>Camera {escape(camera.camera)}:</strong> {escape(camera.words)}")
+        elif camera.alignment in ("doubtful", "knocked"):
             lines.append(_warning(camera.camera, camera.alignment, camera.words or "look whether it still hangs right"))
     if not lines:
         return NOTHING.format(words="Learning has just started: nobody with a phone has walked yet.")
@@ -185,6 +190,17 @@ def _sentence(area: AreaLessons) -> str:
     if area.version:
         return f"radio model {area.version} is active."
     return "the radio is as the site file says; nothing better is known yet."
+
+
+def _walks(tracks: TrackLessons) -> str:
+    """Return how many of the last walks teach, and why the others do not, the commonest reasons first."""
+    unused = sum(tracks.refused.values())
+    if not tracks.good + unused:
+        return ""
+    reasons = sorted(tracks.refused.items(), key=lambda row: -row[1])[:REASONS]
+    why = ", ".join(f"{escape(reason)} ({count})" for reason, count in reasons)
+    said = f"{tracks.good} of the last {tracks.good + unused} walks teach"
+    return f'<br><span class="count">{said}{f"; the others do not: {why}" if why else ""}.</span>'
 
 
 def _odd(area: AreaLessons) -> list[AccessPointFit]:

@@ -2,8 +2,10 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -167,6 +169,36 @@ def test_other_options_are_tried_on_the_last_pictures_while_the_camera_goes_on(
     assert deaf["since"] == same["since"]
     assert [f["t"] for f in deaf["frames"]] == [f["t"] for f in frames]  # type: ignore[attr-defined]
     assert sum(len(f["x"]) for f in deaf["frames"]) < sum(len(f["x"]) for f in frames)  # type: ignore[attr-defined]
+
+
+def children(process: int) -> list[int]:
+    tasks = Path(f"/proc/{process}/task")
+    return [int(child) for task in tasks.iterdir() for child in (task / "children").read_text().split()]
+
+
+def test_live_pictures_never_wait_for_a_trial(start: Callable[..., Running], video: Path) -> None:
+    camera = start({"file": str(video), "loop": True}, "--pace", "fast", "--ring-rate", "10")
+    camera.until(lambda: len(camera.frames) > 100, "pictures")
+    answers: list[dict[str, object]] = []
+
+    def ask() -> None:
+        while not answers or "too few" in str(answers[-1].get("error")) or "5 s or more" in str(answers[-1]):
+            answers.append(camera.ask())
+
+    asking = threading.Thread(target=ask, daemon=True)
+    asking.start()
+    camera.until(lambda: children(camera.process.pid), "a trial")
+    [trial] = children(camera.process.pid)
+    os.kill(trial, signal.SIGSTOP)
+    try:
+        camera.until(lambda: os.getpriority(os.PRIO_PROCESS, trial) == 19, "the lowest priority")
+        seen = len(camera.frames)
+        camera.until(lambda: len(camera.frames) > seen + 50, "pictures while a trial stands still")
+        assert asking.is_alive()
+    finally:
+        os.kill(trial, signal.SIGKILL)
+    wait_until(lambda: not asking.is_alive(), DEADLINE, "the answer")
+    assert "the trial failed" in str(answers[-1]["error"])
 
 
 def test_without_pictures_it_says_so(start: Callable[..., Running], video: Path) -> None:

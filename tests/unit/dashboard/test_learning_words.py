@@ -14,6 +14,7 @@ from shared.learning_report import (
     CameraLessons,
     DeviceLessons,
     LearningReport,
+    TrackLessons,
 )
 
 HOSTILE = "<img src=x onerror=alert(1)>\"'&"
@@ -52,7 +53,34 @@ def test_nothing_that_comes_from_elsewhere_becomes_part_of_the_page() -> None:
             assert not [name for name, _ in attrs if name.startswith("on")]
 
     Reader().feed(everything(report(HOSTILE)))
-    assert tags <= {"ul", "li", "strong", "span", "b", "em", "p", "time", "table", "thead", "tbody", "tr", "th", "td"}
+    assert tags <= {
+        "ul",
+        "li",
+        "strong",
+        "span",
+        "b",
+        "em",
+        "p",
+        "br",
+        "time",
+        "table",
+        "thead",
+        "tbody",
+        "tr",
+        "th",
+        "td",
+    }
+
+
+def test_it_tells_how_many_walks_teach_and_what_is_done_with_a_camera() -> None:
+    tracks = TrackLessons(good=3, refused={"too short to judge": 4, "radio disagrees": 9})
+    camera = CameraLessons(camera="door", area="hall", words="other detector options are being tried")
+    area = AreaLessons(area="hall", words="learns", tracks=tracks)
+    told = words.summary(LearningReport(t=0.0, areas=[area], cameras=[camera]))
+    assert "3 of the last 16 walks teach; the others do not: radio disagrees (9), too short to judge (4)" in told
+    assert "<strong>Camera door:</strong> other detector options are being tried" in told
+    assert "unknown" not in told
+    assert "walks" not in words.summary(LearningReport(t=0.0, areas=[AreaLessons(area="hall", words="waits")]))
 
 
 def test_before_anything_is_learned_every_part_says_so() -> None:
