@@ -142,7 +142,7 @@ class _Page:
                 self._fill(name, words.access_points_table(area))
                 self._plot(name, path_loss_chart(area.access_points) if area.access_points else None)
         self._fill("cameras", words.cameras_table(report.cameras))
-        scored = [camera for camera in report.cameras if camera.score]
+        scored = [camera for camera in report.cameras if len(camera.score) > 1]  # one point is no course of time
         self._plot("cameras", score_chart(scored) if scored else None)
         self._fill("devices", words.devices_table(report.devices))
         walked = [device for device in report.devices if device.slope is not None]

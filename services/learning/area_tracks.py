@@ -16,7 +16,7 @@ from services.learning.tracks.stretch import Stretch
 from services.learning.tracks.verdict import Verdict
 from shared.erased import Erased
 from shared.learning_report import TrackLessons
-from shared.messages import DetectionFrame, Message, MotionBatch, RadioScan, Revision, TrackFrame
+from shared.messages import CameraStatus, DetectionFrame, Message, MotionBatch, RadioScan, Revision, TrackFrame
 
 __all__ = ["AreaTracks", "Following", "Forgetting", "Judge", "Keeping", "Sight"]
 
@@ -124,6 +124,8 @@ class AreaTracks:
             case MotionBatch():
                 self._watch(message)
                 self._assembler.take_motion(message)
+            case CameraStatus() if message.camera in self._cameras:
+                pass  # for learners that watch
             case _:
                 return False
         return True

@@ -27,6 +27,7 @@ from services.learning.thread_executor import DaemonExecutor
 from shared.bus import Bus, Publisher, Question
 from shared.database import unreachable
 from shared.messages import (
+    CameraStatus,
     DetectionFrame,
     Erasure,
     Message,
@@ -108,6 +109,7 @@ class LearningService(Service[LearningSettings]):
         self._inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
         self._inbox.subscribe(self.keys.tracks(), TrackFrame)
         self._inbox.subscribe(self.keys.revisions(), Revision)
+        self._inbox.subscribe(self.keys.camera_status(), CameraStatus, cached=True)
         self._inbox.subscribe(self.keys.detections(), DetectionFrame, newest=True, depth=64)
         self._inbox.subscribe(self.keys.radio(), RadioScan)
         self._inbox.subscribe(self.keys.motion(), MotionBatch)

@@ -17,7 +17,7 @@ from services.learning.proposal import Proposal
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
 from shared.learning_report import ModelKind
-from shared.messages import DetectorSettings, Message
+from shared.messages import CameraStatus, DetectorSettings, Message
 
 __all__ = ["NO_PICTURES", "DetectorLessons"]
 
@@ -68,6 +68,8 @@ class DetectorLessons:
         self._swept: dict[str, float] = {}
         self._pictureless: dict[str, float] = {}
         """When a camera last said that it has no pictures."""
+        self._doubts: dict[str, str] = {}
+        """Why a camera's pictures cannot teach now, as it says itself."""
         self._now = 0.0
         self._stretches = 0
         self._running: tuple[str, Future[tuple[DetectorChoice, float]]] | None = None
@@ -77,6 +79,16 @@ class DetectorLessons:
     def learn(self, stretch: Stretch) -> None:
         """Note that somebody walked well; what is learned comes from the cameras' pictures."""
         self._stretches += 1
+
+    def watch(self, message: Message) -> None:
+        """Leave a camera alone while it says that something is wrong with it: covered, turned, knocked, silent."""
+        if isinstance(message, CameraStatus) and message.camera in self._cameras:
+            if message.state != "degraded":
+                self._doubts.pop(message.camera, None)
+                return
+            self._doubts[message.camera] = message.reason
+            if self._running is not None and self._running[0] == message.camera:
+                self._running = None
 
     def forget(self, device: str) -> None:
         """Nothing here is of any device."""
@@ -120,6 +132,8 @@ class DetectorLessons:
         """Return what is done or waited for, or what was found last."""
         if self._running is not None and self._running[0] == camera:
             return "other detector options are being tried on its last minutes"
+        if camera in self._doubts:
+            return f"its detector learns nothing while it is degraded: {self._doubts[camera]}"
         if camera in self.words:
             return self.words[camera]
         if self._stretches < FEWEST:
@@ -143,8 +157,9 @@ class DetectorLessons:
         self._swept, self._pictureless = swept, pictureless
 
     def _with_pictures(self) -> list[str]:
-        """Return the cameras that may have pictures: all but those that said lately that they have none."""
-        return [name for name in self._cameras if self._now - self._pictureless.get(name, -RARELY) >= RARELY]
+        """Return the cameras that may have pictures to learn from: all but those that said that they have none."""
+        lately = {name for name, t in self._pictureless.items() if self._now - t < RARELY}
+        return [name for name in self._cameras if name not in lately and name not in self._doubts]
 
     def _options(self, camera: str) -> dict[str, float]:
         active = self._active.get(camera)

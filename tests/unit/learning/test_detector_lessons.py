@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from services.learning.cameras.detector_lessons import EVERY, FEWEST, RARELY, DetectorLessons
+from services.learning.lesson import Watching
 from services.learning.proposal import Learner
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
-from shared.messages import DetectorSettings
+from shared.messages import CameraStatus, DetectorSettings
 
 CHANGES: tuple[tuple[tuple[str, Any], str], ...] = (
     (("error", "its pictures cannot teach: it is covered"), "covered"),
@@ -242,3 +243,21 @@ def test_it_tells_what_it_waits_for_and_which_version_is_in_use() -> None:
     learner.tell(draft)
     [told] = draft.report(1.0, False, []).cameras
     assert (told.version, told.options) == (7, {"least_gain": 0.2})
+
+
+def test_a_camera_that_is_covered_teaches_nothing_and_says_why() -> None:
+    site, executor = Site(), Later()
+    learner = lessons(site, executor, "door")
+    assert isinstance(learner, Watching)  # or nobody would tell it
+    learner.propose(1000.0, 900.0)
+    learner.watch(CameraStatus(t=1001.0, camera="door", state="degraded", reason="it is covered"))
+    executor.run()
+    assert learner.propose(1010.0, 900.0) == ()  # what was found on the way is not believed
+    assert "learns nothing while it is degraded: it is covered" in words(learner, "door")
+    for _ in range(FEWEST):
+        learner.learn(WALK)
+    learner.propose(1000.0 + EVERY, 900.0)
+    assert not executor.waiting
+    learner.watch(CameraStatus(t=1002.0 + EVERY, camera="door", state="ok"))
+    learner.propose(1003.0 + EVERY, 900.0)
+    assert executor.waiting
