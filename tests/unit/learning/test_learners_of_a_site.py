@@ -13,7 +13,7 @@ from services.learning.learners import Tools, areas_of, lessons_of
 from services.learning.loop import LearningLoop, _plain
 from services.learning.trials import Inline
 from shared.erased import Erased
-from shared.messages import Message, RadioModelUpdate
+from shared.messages import CameraStatus, Message, RadioModelUpdate
 from shared.site import Site, load_site
 
 POINTS = [f"ap-{number}" for number in range(1, 7)]
@@ -74,3 +74,12 @@ def test_the_report_tells_why_stretches_do_not_teach(site: Site) -> None:
     assert told.good == 0
     assert sum(told.refused.values()) >= 1
     assert all(told.refused)
+
+
+def test_a_camera_that_says_it_is_covered_is_told_of(site: Site) -> None:
+    loop = loop_of(site, ModelStore(in_memory()), [])
+    loop.take(CameraStatus(t=1.0, camera="hall-east", state="degraded", reason="it is covered"))
+    [camera] = loop.report(2.0).cameras
+    assert "it is covered" in camera.words
+    loop.take(CameraStatus(t=2.0, camera="hall-east", state="ok"))
+    assert "it is covered" not in loop.report(3.0).cameras[0].words
