@@ -7,19 +7,19 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from benchmarks.fusion_run import FusionRun, chunks_of
-from benchmarks.learning_stretches import stretches_of
 from benchmarks.world_record import WorldRecord
 from services.fusion.area_view import AreaView
 from services.fusion.chunks import period_of
 from services.fusion.registry import make_tracker
-from services.fusion.rescore.setting import Asked, Setting
-from services.fusion.rescore.worker import judge, rescore
+from services.fusion.rescore.sight import SightJudge
+from services.fusion.rescore.trial import WARM_UP
+from services.fusion.rescore.worker import rescore
 from services.fusion.tracker import Chunk
 from services.fusion.trained_view import under_model
 from services.learning.activation.answer import Trial, read_answer
@@ -27,41 +27,50 @@ from services.learning.activation.database import in_memory
 from services.learning.activation.gate import Gate, Ruling
 from services.learning.activation.questions import held_out, question_of
 from services.learning.activation.store import ModelStore
-from services.learning.area_tracks import AreaTracks
 from services.learning.cameras.detector_choice import Sweep, choose_detector
-from services.learning.lesson import Lesson
+from services.learning.learners import Tools, areas_of, lessons_of
 from services.learning.loop import LearningLoop
 from services.learning.proposal import Proposal
 from services.learning.radio.lessons import RadioLessons
-from services.learning.tracks.assembler import StretchAssembler
-from services.learning.tracks.quality import QualityJudge, SightScore
 from services.learning.tracks.stretch import Stretch
 from services.learning.trials import Inline
 from services.learning.walking.stride_lessons import StrideLessons
-from shared.messages import DetectionFrame, Message, RadioModelUpdate, StrideModel, TrackFrame
+from shared.learning_report import Activation
+from shared.messages import Message, RadioModelUpdate, StrideModel, TrackFrame
 from shared.radio import RadioModel, ShadowingMap, pack_radio_model
 from shared.site import Site
 from shared.walking.stride import StrideLine
 
 __all__ = [
+    "RECENT",
     "Teacher",
     "chosen_rate",
-    "detection_score",
-    "good_stretches",
     "learned_radio",
     "learned_strides",
     "ruling_on",
+    "run_with_score",
 ]
 
-RECENT = 900.0
-"""Seconds of chunks that fusion keeps for trials."""
+RECENT = 300.0
+"""Seconds of chunks that fusion keeps for trials, by default."""
 
 
-def detection_score(record: WorldRecord, tracker: str, view: AreaView) -> float:
-    """Return the cumulative quality score of the tracks that a record's detections make, nats per second."""
-    chunks = list(chunks_of(record, period_of(make_tracker(tracker, view).cycle)))
-    answer = judge(chunks, tracker, 0, Asked(Setting(view), sight=True))
-    return math.nan if answer.sight is None else answer.sight.active
+def run_with_score(record: WorldRecord, tracker: str, view: AreaView) -> tuple[FusionRun, float]:
+    """Return a run over a record, and the cumulative quality score of its detections, nats per second.
+
+    As fusion reckons it for a camera that asks; but no scan is withheld from the tracker, so that errors can be read
+    from the same run.
+    """
+    machine = make_tracker(tracker, view)
+    chunks = list(chunks_of(record, period_of(machine.cycle)))
+    since, until = chunks[0].t_start + WARM_UP, chunks[-1].t_end
+    judge = SightJudge(view, since, until)
+    frames: list[TrackFrame] = []
+    for chunk in chunks:
+        if frames:
+            judge.look(chunk.frames, frames[-1])
+        frames.append(machine.step(chunk))
+    return FusionRun(frames, [], []), judge.sight().quality / (until - since)
 
 
 def chosen_rate(rates: Sequence[float], scores: Sequence[float], active: float) -> int:
@@ -83,11 +92,6 @@ def chosen_rate(rates: Sequence[float], scores: Sequence[float], active: float) 
     found = choose_detector({"learning_rate": active}, redetect, scored, (Sweep("learning_rate", rates),))
     value = found.options.get("learning_rate", active)
     return int(np.argmin(np.abs(np.log(np.array(rates) / value))))
-
-
-def good_stretches(record: WorldRecord, run: FusionRun, view: AreaView) -> list[Stretch]:
-    """Return the stretches of a run that may teach."""
-    return [stretch for stretch, verdict in stretches_of(record, run, view) if verdict.good]
 
 
 def learned_radio(
@@ -149,34 +153,33 @@ def ruling_on(
 
 
 class Teacher:
-    """The learning service of one area without bus and clock, and fusion's part in it.
+    """The learning service of one area without bus and clock, with every lesson; and fusion's part in it.
 
     Args:
         site: as its trackers know it.
         active: the area with the radio that is live.
         tracker: name of the tracker that runs.
+        ask: tries a candidate; None: fusion's own trial of ``tracker``, here and at once.
     """
 
-    def __init__(self, site: Site, active: AreaView, tracker: str) -> None:
+    def __init__(
+        self, site: Site, active: AreaView, tracker: str, ask: Callable[[bytes], Mapping[str, Any]] | None = None
+    ) -> None:
         self.active = active
         self._tracker = tracker
+        self._try = ask or self._rescored
         self._chunks: deque[Chunk] = deque()
         self._next: AreaView | None = None
-        area, points = active.area, active.radio.names
-        sight, quality = _Sight(active), QualityJudge(len(points))
-        tracks = AreaTracks(
-            area,
-            list(active.views),
-            StretchAssembler(points),
-            lambda stretch: quality.judge(stretch, self.active.radio, self.active.shadowing),
-            sight,
-        )
-        lessons = [Lesson(f"radio/{area}", RadioLessons(site, area), frozenset({area}))]
-        self._loop = LearningLoop(
-            {area: tracks}, lessons, Gate(), ModelStore(in_memory()), self._ask, self._live, executor=Inline()
-        )
+        area = active.area
+        tools = Tools(self._pictures, self._ask, Inline(), lambda seconds: None)
+        tracks, lessons = areas_of(site, [area]), lessons_of(site, [area], tools)
+        self._loop = LearningLoop(tracks, lessons, Gate(), ModelStore(in_memory()), self._ask, self._live)
         if active.shadowing is not None:
-            lessons[0].learner.activated(RadioModelUpdate(t=0.0, area=area, version=0, model=_file(active)))
+            known = RadioModelUpdate(t=0.0, area=area, version=0, model=_file(active))
+            tracks[area].activated(known)
+            for lesson in lessons:
+                if lesson.learner.kind == "radio":
+                    lesson.learner.activated(known)
 
     def consumed(self, chunk: Chunk) -> None:
         """Keep what fusion consumed, for trials."""
@@ -194,23 +197,22 @@ class Teacher:
         self._loop.look(now)
         return self._next
 
+    def history(self) -> list[Activation]:
+        """Return every decision, newest first."""
+        return list(self._loop.store.history())
+
     def _ask(self, area: str, question: bytes) -> Mapping[str, Any]:
+        return self._try(question)
+
+    def _rescored(self, question: bytes) -> Mapping[str, Any]:
         return rescore(question, self._chunks, self.active, self._tracker)
+
+    def _pictures(self, camera: str, options: Mapping[str, float]) -> Mapping[str, Any]:
+        return {"error": f"camera {camera} has no pictures: its detections are simulated"}
 
     def _live(self, message: Message) -> None:
         if isinstance(message, RadioModelUpdate):
             self.active = self._next = under_model(self.active, message.model)
-
-
-class _Sight:
-    def __init__(self, view: AreaView) -> None:
-        self._score = SightScore(view.views)
-
-    def take(self, frame: DetectionFrame) -> None:
-        self._score.take_detections(frame)
-
-    def score(self, frame: TrackFrame) -> Mapping[int, float]:
-        return self._score.score(frame)
 
 
 def _file(view: AreaView) -> Any:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.fusion_run import run_fusion
-from benchmarks.learning_adapter import chosen_rate, detection_score, learned_radio, learned_strides
+from benchmarks.learning_adapter import chosen_rate, learned_radio, learned_strides, run_with_score
 from benchmarks.learning_checks import radio_residual, stretch_rmse, stride_errors, true_run
 from benchmarks.learning_detections import Seen, with_detections
 from benchmarks.learning_splits import Split, part_of
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 STAGES = ("none", "detector", "radio", "all")
 TRACKERS = {DEFAULT_TRACKER: "", "rbmcda": "_rbmcda"}
 """With the suffix of their figures."""
-RATES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
+RATES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.2)
 """Per second, of the cameras' backgrounds; the configured one is among them."""
 LOOK_BACK = 300.0
 """Seconds at the end of the training part on which rates are compared: as much as a camera remembers."""
@@ -87,15 +87,14 @@ class Climb:
 
 def rate_curve(record: WorldRecord, seen: Sequence[Seen], split: Split, active: float) -> RateCurve:
     """Return how each rate's detections do on the end of the training part of a split; ``active``: the rate in use."""
-    end = part_of(record, max(split.turn - LOOK_BACK, split.start), split.turn)
+    begin = max(split.turn - LOOK_BACK, split.start)
+    end, judged = part_of(record, begin, split.turn), part_of(record, begin + FINDING_OUT, split.turn)
     view = AreaView.of(record.site, record.area)
-    judged = part_of(end, max(split.turn - LOOK_BACK, split.start) + FINDING_OUT, split.turn)
     score, rmse = [], []
     for other in seen:
-        tried = with_detections(end, other)
-        score.append(detection_score(tried, DEFAULT_TRACKER, view))
-        tracks = run_fusion(tried, DEFAULT_TRACKER, view=view).frames
-        errors = window_rmse(judged.truth, named_positions(judged.truth, tracks), centre_of(record.view)).rmse
+        run, quality = run_with_score(with_detections(end, other), DEFAULT_TRACKER, view)
+        errors = window_rmse(judged.truth, named_positions(judged.truth, run.frames), centre_of(record.view)).rmse
+        score.append(quality)
         rmse.append(float(np.nanmedian(errors)))
     return RateCurve(np.array(score), np.array(rmse), chosen_rate(RATES, score, active))
 
@@ -110,27 +109,33 @@ def climb(record: WorldRecord, seen: Sequence[Seen], splits: Sequence[Split], ac
         active: learning rate with which its cameras were configured.
     """
     curves = [rate_curve(record, seen, split, active) for split in splits]
-    chosen = [seen[curve.chosen] for curve in curves]
-    rungs = {
-        tracker: [climb_split(record, other, split, tracker) for other, split in zip(chosen, splits, strict=True)]
-        for tracker in TRACKERS
-    }
+    rungs: dict[str, list[Rung]] = {tracker: [] for tracker in TRACKERS}
+    for curve, split in zip(curves, splits, strict=True):
+        other = None if RATES[curve.chosen] == active else seen[curve.chosen]
+        for tracker, rung in climb_split(record, other, split).items():
+            rungs[tracker].append(rung)
     return Climb(curves, rungs)
 
 
-def climb_split(record: WorldRecord, seen: Seen, split: Split, tracker: str) -> Rung:
-    """Return what one split gives one tracker, with detections as its training part chose them."""
+def climb_split(record: WorldRecord, seen: Seen | None, split: Split) -> dict[str, Rung]:
+    """Return what one split gives each tracker, with detections as its training part chose them; None: as they are."""
     found = AreaView.of(record.site, record.area)
-    training = with_detections(part_of(record, split.start, split.turn), seen)
-    test = part_of(record, split.turn, split.end)
-    better = with_detections(test, seen)
-    run = run_fusion(training, tracker, view=found)
-    judged = list(stretches_of(training, run, found))
+    training, test = part_of(record, split.start, split.turn), part_of(record, split.turn, split.end)
+    better = test
+    if seen is not None:
+        training, better = with_detections(training, seen), with_detections(test, seen)
+    perfect = [stretch for stretch, _ in stretches_of(training, true_run(training), found)]
+    fitted = radio_residual(test, learned_radio(perfect, record.site, found))
+    return {tracker: _rung(training, test, better, tracker, fitted) for tracker in TRACKERS}
+
+
+def _rung(training: WorldRecord, test: WorldRecord, better: WorldRecord, tracker: str, fitted: Array) -> Rung:
+    found = AreaView.of(training.site, training.area)
+    judged = list(stretches_of(training, run_fusion(training, tracker, view=found), found))
     good = [stretch for stretch, verdict in judged if verdict.good]
     doubtful = [stretch for stretch, verdict in judged if verdict.doubtful]
-    view = learned_radio(good, record.site, found, doubtful)
-    strides = learned_strides(good, record.area)
-    perfect = [stretch for stretch, _ in stretches_of(training, true_run(training), found)]
+    view = learned_radio(good, training.site, found, doubtful)
+    strides = learned_strides(good, training.area)
     tracks = [
         (verdict.printed, one.seconds, stretch_rmse(one, training.truth), float(verdict.good))
         for one, verdict in judged
@@ -142,11 +147,17 @@ def climb_split(record: WorldRecord, seen: Seen, split: Split, tracker: str) -> 
         "radio": (better, view),
         "all": (with_strides(better, strides), view),
     }
-    errors = {stage: _errors(part, tracker, known) for stage, (part, known) in stages.items()}
+    errors: dict[str, Array] = {}
+    before: tuple[WorldRecord, AreaView] | None = None
+    for stage, (part, known) in stages.items():
+        # Where a stage learned nothing, it is the one before.
+        same = before is not None and before[0] is part and before[1] is known
+        errors[stage] = list(errors.values())[-1] if same else _errors(part, tracker, known)
+        before = part, known
     return Rung(
         errors=errors,
         learned=radio_residual(test, view),
-        fitted=radio_residual(test, learned_radio(perfect, record.site, found)),
+        fitted=fitted,
         strides=stride_errors(test, strides),
         tracks=np.array(tracks, float).reshape(-1, 4),
     )

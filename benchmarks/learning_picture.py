@@ -1,4 +1,4 @@
-"""Draws what was learned: the ladder, the learning rate, track quality, recovery and the gate."""
+"""Draws what was learned: the ladder, the learning rate, and track quality against true error."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from benchmarks.learning_figures import judged_tracks, stage_errors
-from benchmarks.learning_gate import Bout, draw_gate
 from benchmarks.learning_ladder import RATES, STAGES, TRACKERS, Climb
-from benchmarks.learning_recovery import Recovery, draw_recovery
 from benchmarks.position_error import error_cdf
 
 mpl.use("Agg")
@@ -28,18 +26,14 @@ STUDY = {
 """Errors and shares [ravel-thesis §11.4]."""
 
 
-def draw_learning(
-    trials: Mapping[str, Sequence[Climb]], bouts: Sequence[Bout], recoveries: Sequence[Recovery], picture: Path
-) -> None:
-    """Draw a row for each trial (a distribution for each tracker, the curve of rates), and one for the rest."""
-    figure, axes = plt.subplots(len(trials) + 1, 3, figsize=(16.0, 4.2 * (len(trials) + 1)), squeeze=False)
-    for row, (trial, areas) in zip(axes, trials.items(), strict=False):
+def draw_learning(trials: Mapping[str, Sequence[Climb]], picture: Path) -> None:
+    """Draw a row for each trial: a distribution for each tracker, the curve of rates, quality against true error."""
+    figure, axes = plt.subplots(len(trials), 4, figsize=(20.0, 4.4 * len(trials)), squeeze=False)
+    for row, (trial, areas) in zip(axes, trials.items(), strict=True):
         for axis, tracker in zip(row, TRACKERS, strict=False):
             _draw_errors(axis, trial, areas, tracker)
         _draw_rates(row[2], trial, areas)
-    _draw_quality(axes[-1][0], [area for areas in trials.values() for area in areas])
-    draw_recovery(axes[-1][1], recoveries)
-    draw_gate(axes[-1][2], bouts)
+        _draw_quality(row[3], trial, areas)
     figure.tight_layout()
     picture.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture, dpi=110)
@@ -59,20 +53,24 @@ def _draw_errors(axis: Axes, trial: str, areas: Sequence[Climb], tracker: str) -
 
 def _draw_rates(axis: Axes, trial: str, areas: Sequence[Climb]) -> None:
     curves = [curve for area in areas for curve in area.curves]
-    axis.semilogx(RATES, np.mean([curve.score for curve in curves], axis=0), "o-", color="C0")
-    axis.set(title=f"{trial}: learning rate (bars: chosen)", xlabel="per second")
-    axis.set_ylabel("score of the tracks, nats per second", color="C0")
-    for curve in curves:
-        axis.axvline(RATES[curve.chosen], color="C0", alpha=0.15, linewidth=3)
+    # Areas with more people score more: each curve as a share of its own top.
+    score = np.mean([curve.score / curve.score.max() for curve in curves], axis=0)
+    axis.semilogx(RATES, score, "o-", color="C0", label="score of the tracks, share of the best")
+    chosen = np.bincount([curve.chosen for curve in curves], minlength=len(RATES)) / len(curves)
+    axis.bar(RATES, chosen, width=0.25 * np.array(RATES), color="C0", alpha=0.25, label="share of splits that choose")
+    axis.set(title=f"{trial}: learning rate", xlabel="per second", ylim=(0.0, 1.05))
+    axis.set_ylabel("share", color="C0")
     other = axis.twinx()
-    other.semilogx(RATES, np.mean([curve.rmse for curve in curves], axis=0), "s--", color="C3")
-    other.set_ylabel("true RMSE, m", color="C3")
+    other.semilogx(RATES, np.mean([curve.rmse for curve in curves], axis=0), "s--", color="C3", label="true RMSE")
+    other.set_ylabel("true RMSE (median person's minute), m", color="C3")
+    other.set_ylim(0.0, None)
+    axis.legend(loc="lower left", fontsize="small")
 
 
-def _draw_quality(axis: Axes, areas: Sequence[Climb]) -> None:
+def _draw_quality(axis: Axes, trial: str, areas: Sequence[Climb]) -> None:
     quality, seconds, rmse, good = judged_tracks(areas).T
     for name, which in (("may teach", good > 0.0), ("refused", good == 0.0)):
-        axis.semilogy((quality / seconds)[which], rmse[which], ".", label=name)
+        axis.semilogy((quality / seconds)[which], rmse[which], ".", label=f"{name} ({which.sum()})")
     axis.legend(fontsize="small")
-    axis.set(title="tracks of a minute", xlabel="quality, nats per second", ylabel="true RMSE, m")
+    axis.set(title=f"{trial}: tracks of a minute or more", xlabel="quality, nats per second", ylabel="true RMSE, m")
     axis.grid(visible=True, alpha=0.25)

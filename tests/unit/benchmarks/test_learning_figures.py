@@ -10,10 +10,10 @@ from fusion_world import World, make_site
 
 from benchmarks.learning_candidates import KINDS, poisoned
 from benchmarks.learning_figures import ladder_figures, lesson_figures, rate_figures
-from benchmarks.learning_gate import EACH, WORLDS, Bout, gate_figures
+from benchmarks.learning_gate import EACH, WORLDS, Bout, draw_gate, gate_figures
 from benchmarks.learning_ladder import RATES, STAGES, TRACKERS, Climb, RateCurve, Rung
 from benchmarks.learning_picture import draw_learning
-from benchmarks.learning_recovery import CHANGED, WINDOW, Recovery, recovery_figures
+from benchmarks.learning_recovery import CHANGED, WINDOW, Recovery, draw_recovery, recovery_figures
 from benchmarks.learning_speed import shifted
 from benchmarks.world_record import Truth, WorldRecord
 from benchmarks.world_run import load
@@ -131,5 +131,7 @@ def test_a_message_told_later_is_later_in_every_time_it_names() -> None:
 
 def test_everything_is_drawn(tmp_path: Path) -> None:
     bouts = [Bout(kind, 0.1, live, -0.1) for kind in KINDS for live in (True, False)]
-    draw_learning({"construction-1": [climbed()]}, bouts, [recovery([2.0, 1.0])], tmp_path / "learning.png")
-    assert (tmp_path / "learning.png").stat().st_size > 10_000
+    draw_learning({"construction-1": [climbed()]}, tmp_path / "learning.png")
+    draw_gate(bouts, tmp_path / "gate.png")
+    draw_recovery({"construction-1": [recovery([2.0, 1.0])]}, tmp_path / "recovery.png")
+    assert all((tmp_path / f"{name}.png").stat().st_size > 10_000 for name in ("learning", "gate", "recovery"))
