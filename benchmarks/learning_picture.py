@@ -73,4 +73,6 @@ def _draw_quality(axis: Axes, trial: str, areas: Sequence[Climb]) -> None:
         axis.semilogy((quality / seconds)[which], rmse[which], ".", label=f"{name} ({which.sum()})")
     axis.legend(fontsize="small")
     axis.set(title=f"{trial}: tracks of a minute or more", xlabel="quality, nats per second", ylabel="true RMSE, m")
+    axis.set_ylim(0.05, 20.0)
+    axis.yaxis.set_major_formatter("{x:g}")
     axis.grid(visible=True, alpha=0.25)

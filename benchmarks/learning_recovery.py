@@ -196,7 +196,7 @@ def draw_recovery(trials: Mapping[str, Sequence[Recovery]], picture: Path) -> No
         for number, t in enumerate(t for area in areas for t in area.live):
             axis.axvline(t / 60.0, ymax=0.06, color="C2", linewidth=2, label="" if number else "a model goes live")
         axis.set(title=trial, xlabel="minutes", ylim=(0.0, None))
-        axis.legend(loc="upper left", fontsize="small")
+        axis.legend(loc="lower left", fontsize="small", framealpha=0.6)
     axes[0][0].set_ylabel("mean error, multiple of the unchanged site's")
     figure.tight_layout()
     picture.parent.mkdir(parents=True, exist_ok=True)

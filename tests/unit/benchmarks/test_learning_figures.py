@@ -29,7 +29,7 @@ def rung(scale: float) -> Rung:
 
 
 def climbed() -> Climb:
-    score = -np.abs(np.arange(len(RATES)) - 2.0)
+    score = 100.0 - np.abs(np.arange(len(RATES)) - 2.0)
     rmse = 1.0 + np.abs(np.arange(len(RATES)) - 3.0)
     return Climb([RateCurve(score, rmse, 2)], {tracker: [rung(1.0), rung(2.0)] for tracker in TRACKERS})
 
