@@ -16,7 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 from rich.progress import Progress
 
-from benchmarks.experiment import Experiment, Figures, Options
+from benchmarks.experiment import Experiment, ExperimentError, Figures, Options
 from benchmarks.fusion_run import chunks_of, run_fusion
 from benchmarks.learning_adapter import RECENT, Teacher
 from benchmarks.learning_stretches import heard_of
@@ -86,8 +86,11 @@ class Trying:
             chunks = [_chunk_later(chunk, by) for chunk in self._chunks]
             asked = msgspec.json.decode(question)
             asked["since"] = chunks[0].t_start  # a round is shorter than what is held out
-            self._answer = rescore(msgspec.json.encode(asked), chunks, self._view)
-            self.spent = time.process_time() - begun
+            told = rescore(msgspec.json.encode(asked), chunks, self._view)
+            self.spent += time.process_time() - begun
+            if told["error"]:
+                raise ExperimentError(f"a candidate cannot be tried: {told['error']}")
+            self._answer = told
             self.seconds = self.spent * RECENT / (chunks[-1].t_end - chunks[0].t_start)
         return self._answer
 
