@@ -1,9 +1,10 @@
 """From which quality on is a track to be trusted? Chosen from what the same phones score on other people's tracks.
 
-The threshold of the sheet is unpublished [ravel-thesis §8.1]. But what a wrong name scores can be seen at any time: the
-phone is held against somebody else who was about. How many names are wrong at all is read off the low scores, which
-wrong ones alone explain (Storey, 2002); so the threshold is the least one at which no more than ``WRONG`` of what
-passes is expected to be wrong (target and decoy; Elias and Gygi, 2007). Where that never is so, nothing passes.
+The threshold of the sheet is unpublished [ravel-thesis §8.1]. But what a wrong name scores can be seen at any time:
+the phone is held against somebody else who was about, through all the other checks as well (``REFUSED``). How many
+names are wrong at all is read off the low scores, which wrong ones alone explain (Storey, 2002); so the threshold is
+the least one at which no more than ``WRONG`` of what passes is expected to be wrong (target and decoy; Elias and
+Gygi, 2007). Where that never is so, nothing passes.
 """
 
 from __future__ import annotations
