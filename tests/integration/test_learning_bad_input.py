@@ -57,7 +57,7 @@ def faulty(site: Site, messages: list[Message]) -> Run:
             "frames": empty,
             "since": 1.0,
             "until": 60.0,
-            "alignment": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            "alignment": 0,
         }
         return {**told, "options": {"learning_rate": 0.01, **options}}
 
@@ -133,10 +133,9 @@ def test_a_dead_access_point_is_told_and_changes_no_other(faulty: Run) -> None:
 def test_a_camera_turned_to_a_wall_keeps_its_options_and_is_told_of(faulty: Run) -> None:
     assert faulty.reasons("detector") == []
     told = {one.camera: one.words for one in faulty.loop.report(faulty.end).cameras}
-    assert told == {
-        "west": "camera west sees nobody in its last pictures, whatever its options: does it look into the room?",
-        "east": "",
-    }
+    wall = "camera west sees nobody in its last pictures, whatever its options: does it look into the room?"
+    assert told["west"] == wall
+    assert "sees nobody" not in told["east"]
 
 
 def test_nothing_of_a_phone_stays_once_its_owner_withdrew(site: Site, messages: list[Message]) -> None:
