@@ -82,7 +82,9 @@ error of the stage before. `rate_loss`: by which share the chosen rate's true er
 
 `radio_rmse_db`: heard minus foretold at true places of the test parts, each phone's mean taken off; `excess` over a
 model fitted to the training parts' true places. `stride_error`: of the learned lines about the way carriers truly went.
-`quality_spearman`: rank correlation of a minute-long track's quality with its true RMSE.""",
+`quality_spearman`: rank correlation of quality with true RMSE over each phone's minutes of the training parts, as the
+filter follows it: wrong names and times out of view count. The printed sum grows with the time told; `per_s` does not.
+`good_tracks`: share of minute-long stretches that may teach; `…_tracks_p90` of the RMSE of these and of the others.""",
     at_most={"radio_rmse_excess_db": 0.5, "stride_error": 0.04},
     studies={
         "trial1_p70_none_rbmcda": Study(1.0, LADDER),
@@ -99,7 +101,7 @@ model fitted to the training parts' true places. `stride_error`: of the learned 
     },
     difference="""real sites, and splits that are not published; its detector step replays video, ours the twin's
 detections.""",
-    picture="Errors stage by stage (dots: the original study), learning rate, track quality against true error.",
+    picture="Errors stage by stage (dots: the original study), learning rate, quality against true error.",
 )
 
 

@@ -13,7 +13,7 @@ from benchmarks.learning_ladder import RATES, STAGES, TRACKERS, Climb
 from benchmarks.position_error import percentiles
 from services.fusion.registry import DEFAULT_TRACKER
 
-__all__ = ["judged_tracks", "ladder_figures", "lesson_figures", "rate_figures", "stage_errors"]
+__all__ = ["ladder_figures", "lesson_figures", "quality_minutes", "rate_figures", "stage_errors"]
 
 Array = NDArray[np.float64]
 
@@ -69,19 +69,21 @@ def lesson_figures(areas: Sequence[Climb]) -> dict[str, float | None]:
             f"radio_rmse_excess_db{suffix}": learned - fitted,
             f"stride_error{suffix}": float(strides.mean()) if len(strides) else None,
         }
-    tracks = judged_tracks(areas)
-    if len(tracks) > 2:
-        figures["quality_spearman"] = float(spearmanr(tracks[:, 0], tracks[:, 2]).statistic)
-        good = tracks[:, 3] > 0.0
-        figures["good_tracks"] = float(good.mean())
-        for name, which in (("good", good), ("refused", ~good)):
-            figures[f"{name}_tracks_p90"] = percentiles(tracks[which, 2])[2]
-        figures["quality_spearman_per_s"] = float(spearmanr(tracks[:, 0] / tracks[:, 1], tracks[:, 2]).statistic)
+        minutes = quality_minutes(areas, tracker)
+        if len(minutes) > 2:
+            quality, seconds, rmse, _ = minutes.T
+            figures[f"quality_spearman{suffix}"] = float(spearmanr(quality, rmse).statistic)
+            figures[f"quality_spearman_per_s{suffix}"] = float(spearmanr(quality / seconds, rmse).statistic)
+    stretches = np.concatenate([rung.stretches for area in areas for rung in area.rungs[DEFAULT_TRACKER]])
+    rmse, good = stretches[np.isfinite(stretches).all(axis=1)].T
+    figures["good_tracks"] = float((good > 0.0).mean()) if len(good) else None
+    for name, which in (("good", good > 0.0), ("refused", good == 0.0)):
+        figures[f"{name}_tracks_p90"] = percentiles(rmse[which])[2]
     return figures
 
 
-def judged_tracks(areas: Sequence[Climb]) -> Array:
-    """Return (k, 4) of the shipped tracker's tracks of about a minute, as ``Rung.tracks`` has them."""
-    tracks = np.concatenate([rung.tracks for area in areas for rung in area.rungs[DEFAULT_TRACKER]])
-    known: Array = tracks[np.isfinite(tracks).all(axis=1)]
+def quality_minutes(areas: Sequence[Climb], tracker: str) -> Array:
+    """Return (k, 4) of one tracker's phones, a minute at a time, as ``Rung.minutes`` has them."""
+    minutes = np.concatenate([rung.minutes for area in areas for rung in area.rungs[tracker]])
+    known: Array = minutes[np.isfinite(minutes).all(axis=1)]
     return known

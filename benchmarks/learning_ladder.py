@@ -20,6 +20,7 @@ from benchmarks.learning_splits import Split, part_of
 from benchmarks.learning_stretches import stretches_of
 from benchmarks.learning_strides import with_strides
 from benchmarks.position_error import centre_of, window_rmse
+from benchmarks.stretch_quality import device_minutes
 from benchmarks.track_reading import named_positions
 from benchmarks.world_record import WorldRecord
 from services.fusion.area_view import AreaView
@@ -37,7 +38,7 @@ RATES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.2)
 LOOK_BACK = 300.0
 """Seconds at the end of the training part on which rates are compared: as much as a camera remembers."""
 MINUTE = 50.0
-"""Seconds of a track whose quality is held against its true error, at least."""
+"""Seconds of a stretch that is counted among those that may teach or may not, at least."""
 FINDING_OUT = 60.0
 """Seconds at their beginning that do not count: who is who is still found out."""
 
@@ -66,15 +67,18 @@ class Rung:
         learned: (n,) dB, heard minus foretold by the learned radio model at true places of the test part.
         fitted: (n,) dB, the same of a model fitted to the training part's true places.
         strides: (d,) share by which each learned stride is wrong in the test part.
-        tracks: (k, 4) of the training part's tracks of about a minute: quality, nats; how long, s; true RMSE, m;
-            1 where it may teach, else 0.
+        minutes: (k, 4) of each phone in each minute of the training part, wrong names and times out of view among
+            it: quality, nats [ravel-thesis §8.1, Eq. 5.1]; for how long it was told to be somewhere, s; true RMSE, m;
+            share of that time in which it was told on a track.
+        stretches: (s, 2) of its stretches of about a minute: true RMSE, m; 1 where one may teach, else 0.
     """
 
     errors: Mapping[str, Array]
     learned: Array
     fitted: Array
     strides: Array
-    tracks: Array
+    minutes: Array
+    stretches: Array
 
 
 @dataclass(frozen=True)
@@ -131,15 +135,15 @@ def climb_split(record: WorldRecord, seen: Seen | None, split: Split) -> dict[st
 
 def _rung(training: WorldRecord, test: WorldRecord, better: WorldRecord, tracker: str, fitted: Array) -> Rung:
     found = AreaView.of(training.site, training.area)
-    judged = list(stretches_of(training, run_fusion(training, tracker, view=found), found))
+    run = run_fusion(training, tracker, view=found)
+    judged = list(stretches_of(training, run, found))
     good = [stretch for stretch, verdict in judged if verdict.good]
     doubtful = [stretch for stretch, verdict in judged if verdict.doubtful]
     view = learned_radio(good, training.site, found, doubtful)
     strides = learned_strides(good, training.area)
-    tracks = [
-        (verdict.printed, one.seconds, stretch_rmse(one, training.truth), float(verdict.good))
-        for one, verdict in judged
-        if one.seconds >= MINUTE
+    minutes = device_minutes(training, run)
+    stretches = [
+        (stretch_rmse(one, training.truth), float(verdict.good)) for one, verdict in judged if one.seconds >= MINUTE
     ]
     stages = {
         "none": (test, found),
@@ -159,7 +163,8 @@ def _rung(training: WorldRecord, test: WorldRecord, better: WorldRecord, tracker
         learned=radio_residual(test, view),
         fitted=fitted,
         strides=stride_errors(test, strides),
-        tracks=np.array(tracks, float).reshape(-1, 4),
+        minutes=np.column_stack([minutes.printed, minutes.seconds, minutes.rmse, minutes.named]),
+        stretches=np.array(stretches, float).reshape(-1, 2),
     )
 
 

@@ -1,4 +1,4 @@
-"""Draws what was learned: the ladder, the learning rate, and track quality against true error."""
+"""Draws what was learned: the ladder, the learning rate, and quality of phones' minutes against true error."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 
-from benchmarks.learning_figures import judged_tracks, stage_errors
+from benchmarks.learning_figures import quality_minutes, stage_errors
 from benchmarks.learning_ladder import RATES, STAGES, TRACKERS, Climb
 from benchmarks.position_error import error_cdf
+from services.fusion.registry import DEFAULT_TRACKER
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -68,11 +69,11 @@ def _draw_rates(axis: Axes, trial: str, areas: Sequence[Climb]) -> None:
 
 
 def _draw_quality(axis: Axes, trial: str, areas: Sequence[Climb]) -> None:
-    quality, seconds, rmse, good = judged_tracks(areas).T
-    for name, which in (("may teach", good > 0.0), ("refused", good == 0.0)):
+    quality, seconds, rmse, named = quality_minutes(areas, DEFAULT_TRACKER).T
+    for name, which in (("on a track throughout", named == 1.0), ("out of view for some of it", named < 1.0)):
         axis.semilogy((quality / seconds)[which], rmse[which], ".", label=f"{name} ({which.sum()})")
     axis.legend(fontsize="small")
-    axis.set(title=f"{trial}: tracks of a minute or more", xlabel="quality, nats per second", ylabel="true RMSE, m")
+    axis.set(title=f"{trial}: each phone in each minute", xlabel="quality, nats per second", ylabel="true RMSE, m")
     axis.set_ylim(0.05, 20.0)
     axis.yaxis.set_major_formatter("{x:g}")
     axis.grid(visible=True, alpha=0.25)

@@ -24,8 +24,11 @@ BEFORE = round(CHANGED / WINDOW)
 
 def rung(scale: float) -> Rung:
     errors = {stage: scale * 0.8**number * np.arange(1.0, 11.0) for number, stage in enumerate(STAGES)}
-    tracks = np.column_stack([-np.arange(5.0), np.full(5, 60.0), np.arange(5.0), np.arange(5.0) < 3.0])
-    return Rung(errors, np.full(4, 4.0), np.full(4, 3.8), np.array([0.02, 0.04]), tracks)
+    # The sum tells less of the error than the rate: a minute told in part has less of everything.
+    rate, seconds, rmse = -np.arange(5.0), np.array([60.0, 60.0, 60.0, 60.0, 20.0]), np.arange(5.0)
+    minutes = np.column_stack([rate * seconds, seconds, rmse, np.arange(5.0) < 3.0])
+    stretches = np.column_stack([np.arange(5.0), np.arange(5.0) < 3.0])
+    return Rung(errors, np.full(4, 4.0), np.full(4, 3.8), np.array([0.02, 0.04]), minutes, stretches)
 
 
 def climbed() -> Climb:
@@ -54,7 +57,11 @@ def test_lessons_are_held_against_what_the_truth_teaches() -> None:
     figures = lesson_figures([climbed()])
     assert figures["radio_rmse_excess_db"] == pytest.approx(0.2)
     assert figures["stride_error_rbmcda"] == pytest.approx(0.03)
-    assert figures["quality_spearman"] == pytest.approx(-1.0)
+    assert figures["quality_spearman_per_s"] == pytest.approx(-1.0)
+    assert figures["quality_spearman_rbmcda"] == pytest.approx(-0.7)
+    assert figures["good_tracks"] == pytest.approx(0.6)
+    assert figures["good_tracks_p90"] == pytest.approx(2.0)
+    assert figures["refused_tracks_p90"] == pytest.approx(4.0)
 
 
 def recovery(ratio: list[float]) -> Recovery:
