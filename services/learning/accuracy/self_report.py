@@ -3,23 +3,24 @@
 A named position is off by two things. Its track's place errs as fusion says it does. And the name may be wrong, and
 then the phone is where somebody else is: how likely that is tells what the phone says in the *next* seconds, held
 against the track it was named on and all others (``claims``), over all recent names (``name_shares``). Bounded: the
-last half minute of the bus, and some hundreds of claims.
+last minute of the bus, and some hundreds of claims.
 """
 
 from __future__ import annotations
 
 import math
 import zlib
-from bisect import bisect_left, insort
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from services.learning.accuracy.claims import Claim, claim_of
 from services.learning.accuracy.name_shares import right_probabilities
+from services.learning.tracks.phones import PhoneRows, Phones
 from services.learning.tracks.radio_evidence import RadioBelief
 from services.learning.tracks.stretch import Stretch
 from shared.learning_report import AccuracyReport
@@ -35,6 +36,8 @@ HORIZON = 20.0
 """Seconds after a name was told whose evidence judges it."""
 LATE = 8.0
 """Seconds waited for what phones tell late."""
+KEPT = 2.0 * (HORIZON + LATE)
+"""Seconds kept of a phone."""
 CLAIMS = 600
 """Claims remembered."""
 AGAIN = 4.0
@@ -74,18 +77,6 @@ class _Everybody:
     named: dict[str, tuple[int, float]]
 
 
-@dataclass
-class _Phone:
-    readings: list[tuple[float, int, float]] = field(default_factory=list)
-    steps: list[tuple[float, float, float, float, float, int]] = field(default_factory=list)
-    still: list[tuple[float, float]] = field(default_factory=list)
-    heard: float = -math.inf
-
-    def forget_before(self, t: float) -> None:
-        for rows in (self.readings, self.steps, self.still):
-            del rows[: bisect_left(rows, (t,))]
-
-
 class SelfReport:
     """Judges one area's names; feed it messages in the order in which they come.
 
@@ -95,10 +86,9 @@ class SelfReport:
     """
 
     def __init__(self, points: tuple[str, ...], elsewhere: Array) -> None:
-        self._column = {name: number for number, name in enumerate(points)}
         self._elsewhere = elsewhere
         self._pictures: deque[_Everybody] = deque()
-        self._phones: dict[str, _Phone] = {}
+        self._phones = Phones(points, KEPT)
         self._claims: deque[Claim] = deque(maxlen=CLAIMS)
         self._heard, self._named, self._seconds = 0.0, 0.0, 0.0
 
@@ -125,6 +115,7 @@ class SelfReport:
             self._phones.clear()
         elif frame.t < last + EVERY - SAME:
             return
+        self._phones.take_time(frame.t)
         rows = [row for row, state in enumerate(frame.state) if state != "unseen"]
         rows.sort(key=lambda row: frame.track[row])
         named: dict[str, tuple[int, float]] = {}
@@ -140,30 +131,18 @@ class SelfReport:
             named,
         )
         self._pictures.append(picture)
-        heard = sum(phone.heard >= frame.t - HEARD for phone in self._phones.values())
+        heard = sum(phone.newest >= frame.t - HEARD for phone in self._phones.values())
         kept = math.exp(-EVERY / MEMORY)
         self._heard, self._named = kept * self._heard + max(heard, len(named)), kept * self._named + len(named)
         self._seconds += len(named) * EVERY
 
     def take_scan(self, scan: RadioScan) -> None:
         """Take in what a phone heard."""
-        phone = self._phones.setdefault(scan.device, _Phone())
-        phone.heard = max(phone.heard, scan.t)
-        for name, level in zip(scan.access_point, scan.rssi, strict=True):
-            if name in self._column and -120.0 <= level <= 0.0:
-                insort(phone.readings, (scan.t, self._column[name], level))
+        self._phones.take_scan(scan)
 
     def take_motion(self, batch: MotionBatch) -> None:
         """Take in how a phone walked; a batch may replace what was told before."""
-        phone = self._phones.setdefault(batch.device, _Phone())
-        if batch.revises_from is not None:
-            for rows in (phone.steps, phone.still):
-                del rows[bisect_left(rows, (batch.revises_from - SAME,)) :]
-        if batch.activity == "still" and not batch.step_t:
-            insort(phone.still, (batch.t_start, batch.t))
-        columns = (batch.step_t, batch.length, batch.length_variance, batch.heading, batch.heading_variance)
-        for row in zip(*columns, strict=True):
-            insort(phone.steps, (*row, batch.walk))
+        self._phones.take_motion(batch)
 
     def forget(self, device: str) -> None:
         """Forget a phone whose owner withdrew consent."""
@@ -192,10 +171,6 @@ class SelfReport:
                         self._claims.append(claim_of(after, radio, shadowing, belief(device), self._elsewhere))
                         judged += 1
             self._pictures.popleft()
-            for device in list(self._phones):
-                self._phones[device].forget_before(told.t - SAME)
-                if self._phones[device].heard < told.t - HORIZON:
-                    del self._phones[device]
         return judged
 
     def report(self) -> AccuracyReport:
@@ -223,7 +198,7 @@ class SelfReport:
             seconds=self._seconds,
         )
 
-    def _after(self, device: str, phone: _Phone, track: int, probability: float) -> Stretch | None:
+    def _after(self, device: str, phone: PhoneRows, track: int, probability: float) -> Stretch | None:
         """Return what a track did in the ``HORIZON`` after the oldest picture; None where it ended at once."""
         begin = self._pictures[0].t
         pictures = [picture for picture in self._pictures if picture.t <= begin + HORIZON]
@@ -245,7 +220,7 @@ class SelfReport:
             np.array(rows[bisect_left(rows, (begin - SAME,)) : bisect_left(rows, (t[-1] + SAME,))], float)
             for rows in (phone.readings, phone.steps, phone.still)
         )
-        readings, steps = readings.reshape(-1, 3), steps.reshape(-1, 6)
+        readings, steps = readings.reshape(-1, 3), steps.reshape(-1, 7)
         return Stretch(
             device=device,
             track=track,

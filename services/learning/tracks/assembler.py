@@ -2,7 +2,8 @@
 
 Names are thought over for some seconds, steps are told late, and both may be told again. So nothing teaches before it
 is ``settle`` seconds old. Then a device's time on one track is cut where the track changes, where it is lost for a
-second, and at ``window`` seconds, so that sums over stretches compare [ravel-thesis §8.1].
+second, and at ``window`` seconds, so that sums over stretches compare [ravel-thesis §8.1]. Memory is bounded by that
+age, whoever is silent: cameras, fusion or phones.
 """
 
 from __future__ import annotations
@@ -11,11 +12,12 @@ import math
 from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from services.learning.tracks.phones import PhoneRows, Phones
 from services.learning.tracks.stretch import Stretch
 from shared.messages import MotionBatch, RadioScan, Revision, TrackFrame
 
@@ -36,22 +38,6 @@ SAME = 1e-6
 
 Point = tuple[float, int, float, float, float, float, float, float]
 """t, track, x, y, xx, xy, yy, probability."""
-Reading = tuple[float, int, float]
-"""t, access point, dBm."""
-Step = tuple[float, float, float, float, float, int, float]
-"""t, length, its variance, heading, its variance, walk, magnetic field (NaN: not told)."""
-
-
-@dataclass
-class _Phone:
-    points: list[Point] = field(default_factory=list)
-    readings: list[Reading] = field(default_factory=list)
-    steps: list[Step] = field(default_factory=list)
-    still: list[tuple[float, float]] = field(default_factory=list)
-
-    def forget_before(self, t: float) -> None:
-        for rows in (self.points, self.readings, self.steps, self.still):
-            del rows[: bisect_left(rows, (t,))]
 
 
 @dataclass(frozen=True)
@@ -77,9 +63,9 @@ class StretchAssembler:
     """
 
     def __init__(self, points: Sequence[str], window: float = 60.0, settle: float = 12.0, every: float = 0.2) -> None:
-        self._column = {name: number for number, name in enumerate(points)}
         self._window, self._settle, self._every = window, settle, every
-        self._phones: dict[str, _Phone] = {}
+        self._phones = Phones(points, window + 2.0 * settle)
+        self._points: dict[str, list[Point]] = {}
         self._crowd: deque[_Crowd] = deque()
         self._pending: dict[int, float] = {}
         self._last = -math.inf
@@ -87,12 +73,13 @@ class StretchAssembler:
     def take_frame(self, frame: TrackFrame, sight: Mapping[int, float] | None = None) -> None:
         """Take in a frame; ``sight``: nats by which cameras spoke for each track in it (``quality.SightScore``)."""
         if frame.t < self._last - self._settle:
-            self.__init__(list(self._column), self._window, self._settle, self._every)  # type: ignore[misc]
+            self._reset()  # a clock set back
         for track, gain in (sight or {}).items():
             self._pending[track] = self._pending.get(track, 0.0) + gain
         if frame.t < self._last + self._every - SAME:
             return
         self._last = frame.t
+        self._phones.take_time(frame.t)
         followed = [row for row, state in enumerate(frame.state) if state != "unseen"]
         followed.sort(key=lambda row: frame.track[row])
         ids = [frame.track[row] for row in followed]
@@ -110,7 +97,7 @@ class StretchAssembler:
             device = frame.device[row]
             if device is not None:
                 place = (frame.t, frame.track[row], frame.x[row], frame.y[row])
-                insort(self._phone(device).points, (*place, *frame.covariance[row], frame.probability[row]))
+                insort(self._points.setdefault(device, []), (*place, *frame.covariance[row], frame.probability[row]))
 
     def take_revision(self, revision: Revision) -> None:
         """Replace what was said of some devices' last seconds."""
@@ -124,35 +111,23 @@ class StretchAssembler:
                 place = (t, revision.track[index], revision.x[index], revision.y[index])
                 rows[number].append((*place, *revision.covariance[index], revision.probability[index]))
         for number, (device, since) in enumerate(zip(revision.device, revision.since, strict=True)):
-            points = self._phone(device).points
+            points = self._points.setdefault(device, [])
             first = bisect_left(points, (since - SAME,))
             after = bisect_left(points, (revision.t + SAME,))
             points[first:after] = rows[number]
 
     def take_scan(self, scan: RadioScan) -> None:
         """Take in what a phone heard."""
-        readings = self._phone(scan.device).readings
-        for name, level in zip(scan.access_point, scan.rssi, strict=True):
-            if name in self._column and -120.0 <= level <= 0.0:
-                insort(readings, (scan.t, self._column[name], level))
+        self._phones.take_scan(scan)
 
     def take_motion(self, batch: MotionBatch) -> None:
         """Take in how a phone walked; a batch may replace what was told before."""
-        phone = self._phone(batch.device)
-        steps = phone.steps
-        if batch.revises_from is not None:
-            del steps[bisect_left(steps, (batch.revises_from - SAME,)) :]
-            del phone.still[bisect_left(phone.still, (batch.revises_from - SAME,)) :]
-        if batch.activity == "still" and not batch.step_t:
-            insort(phone.still, (batch.t_start, batch.t))
-        columns = (batch.step_t, batch.length, batch.length_variance, batch.heading, batch.heading_variance)
-        strengths = batch.magnetic or [math.nan] * len(batch.step_t)
-        for *row, strength in zip(*columns, strengths, strict=True):
-            insort(steps, (*row, batch.walk, strength))
+        self._phones.take_motion(batch)
 
     def forget(self, device: str) -> None:
         """Forget a device whose owner withdrew consent."""
         self._phones.pop(device, None)
+        self._points.pop(device, None)
 
     def close(self, now: float | None = None) -> list[Stretch]:
         """Return the stretches that ended, in order of device and time; each is returned once.
@@ -162,21 +137,25 @@ class StretchAssembler:
         """
         until = (self._last if now is None else now) - self._settle
         closed: list[Stretch] = []
-        for device in sorted(self._phones):
-            closed += self._close(device, self._phones[device], until)
-        oldest = min((phone.points[0][0] for phone in self._phones.values() if phone.points), default=math.inf)
+        for device in sorted(self._phones.keys() | self._points.keys()):
+            closed += self._close(device, until)
+        oldest = min((points[0][0] for points in self._points.values()), default=math.inf)
         while self._crowd and self._crowd[0].t < min(oldest, until) - SAME:
             self._crowd.popleft()
         return closed
 
-    def _phone(self, device: str) -> _Phone:
-        return self._phones.setdefault(device, _Phone())
+    def _reset(self) -> None:
+        self._phones.clear()
+        self._points.clear()
+        self._crowd.clear()
+        self._pending.clear()
+        self._last = -math.inf
 
-    def _close(self, device: str, phone: _Phone, until: float) -> list[Stretch]:
+    def _close(self, device: str, until: float) -> list[Stretch]:
+        phone, points = self._phones.get(device, PhoneRows()), self._points.get(device, [])
         closed: list[Stretch] = []
         kept_from = until
         begin = 0
-        points = phone.points
         for end in range(1, len(points) + 1):
             first, before = points[begin], points[end - 1]
             if before[0] > until:
@@ -191,11 +170,14 @@ class StretchAssembler:
         if begin < len(points):
             kept_from = min(kept_from, points[begin][0])
         phone.forget_before(kept_from - SAME)
-        if not (phone.points or phone.readings or phone.steps or phone.still):
-            del self._phones[device]
+        del points[: bisect_left(points, (kept_from - SAME,))]
+        if not points:
+            self._points.pop(device, None)
+        if not (points or phone.readings or phone.steps or phone.still):
+            self._phones.pop(device, None)
         return closed
 
-    def _stretch(self, device: str, phone: _Phone, points: list[Point]) -> Stretch:
+    def _stretch(self, device: str, phone: PhoneRows, points: list[Point]) -> Stretch:
         table = np.array(points, float)
         t, track = table[:, 0], int(table[0, 1])
         place = table[:, 2:4]

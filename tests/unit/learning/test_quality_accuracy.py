@@ -127,12 +127,20 @@ def test_nothing_is_reported_before_enough_names_were_judged_and_withdrawn_phone
         report.take_scan(RadioScan(t=T0 + second, device="phone-0", seq=second, access_point=["a"], rssi=[-50.0]))
         report.judge(crowd.radio, None, judge.belief)
     assert len(report._pictures) < 40
-    assert len(report._phones["phone-0"].readings) < 40
+    assert len(report._phones["phone-0"].readings) < 70
     report.forget("phone-0")
     assert not report._phones
     assert not any("phone-0" in picture.named for picture in report._pictures)
     report.take_frame(_frame(T0, crowd.paths[:, 0], [None] * 8))  # a clock set back
     assert len(report._pictures) == 1
+
+
+def test_names_nobody_tells_any_more_leave_no_readings_behind() -> None:
+    report = SelfReport(("a",), np.zeros((0, 2)))
+    for second in range(2000):  # of a fusion that is silent
+        name = f"phone-{second % 20}"
+        report.take_scan(RadioScan(t=T0 + second, device=name, seq=second, access_point=["a"], rssi=[-50.0]))
+    assert sum(len(phone.readings) for phone in report._phones.values()) < 70
 
 
 def test_a_site_tells_where_no_camera_looks(tmp_path: Path) -> None:

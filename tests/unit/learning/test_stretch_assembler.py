@@ -125,3 +125,23 @@ def test_a_clock_set_back_begins_anew() -> None:
     _walked(assembler, 10.0)
     [stretch] = assembler.close(T0 + 60.0)
     assert stretch.t[-1] < T0 + 11.0
+
+
+def test_a_silent_fusion_and_clocks_ahead_leave_nothing_behind() -> None:
+    assembler = StretchAssembler(["a"])
+    for second in range(5000):
+        name = f"phone-{second % 20}"
+        assembler.take_scan(RadioScan(t=T0 + second, device=name, seq=second, access_point=["a"], rssi=[-50.0]))
+        if second % 100 == 0:
+            assert assembler.close() == []
+    assert sum(len(phone.readings) for phone in assembler._phones.values()) < 110
+
+
+def test_a_clock_set_back_begins_anew() -> None:
+    assembler = StretchAssembler(["a"])
+    _walked(assembler, 20.0, start=5000.0)
+    assembler.take_scan(RadioScan(t=T0 + 5010.0, device="phone", seq=1, access_point=["a"], rssi=[-50.0]))
+    _walked(assembler, 20.0, track=8)
+    [stretch] = assembler.close(T0 + 100.0)
+    assert (stretch.track, len(stretch.level)) == (8, 0)
+    assert abs(stretch.seconds - 20.0) < 0.4
