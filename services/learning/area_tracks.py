@@ -1,13 +1,10 @@
-"""One area's stretches: assembled as its messages come, judged, counted by why they may not teach."""
+"""One area's stretches: assembled as its messages come, and judged."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Protocol, runtime_checkable
-
-import numpy as np
 
 from services.learning.lesson import Watching
 from services.learning.report_draft import ReportDraft, Telling
@@ -15,13 +12,9 @@ from services.learning.tracks.assembler import StretchAssembler
 from services.learning.tracks.stretch import Stretch
 from services.learning.tracks.verdict import Verdict
 from shared.erased import Erased
-from shared.learning_report import TrackLessons
 from shared.messages import CameraStatus, DetectionFrame, Message, MotionBatch, RadioScan, Revision, TrackFrame
 
 __all__ = ["AreaTracks", "Following", "Forgetting", "Judge", "Keeping", "Sight"]
-
-REMEMBERED = 500
-"""Verdicts the report counts."""
 
 Judge = Callable[[Stretch], Verdict]
 
@@ -103,7 +96,6 @@ class AreaTracks:
         # Asked once: it is much slower than what is asked then, for every message.
         self._watching = judge if isinstance(judge, Watching) else None
         self._sight = sight
-        self._verdicts: deque[Verdict] = deque(maxlen=REMEMBERED)
 
     def take(self, message: Message, erased: Erased) -> bool:
         """Take in a message if it is of this area; whether it is."""
@@ -139,7 +131,6 @@ class AreaTracks:
         may_teach = []
         for stretch in self._assembler.close():
             verdict = self._judge(stretch)
-            self._verdicts.append(verdict)
             if verdict.good:
                 self.taught = max(self.taught, float(stretch.t[-1]))
             if verdict.good or verdict.doubtful:
@@ -172,19 +163,7 @@ class AreaTracks:
             self._judge.restore(state)
 
     def tell(self, draft: ReportDraft) -> None:
-        """Add to the report how many stretches were good, and why the others were not."""
-        rates = [verdict.rate for verdict in self._verdicts if verdict.good]
-        refused = Counter(verdict.reason for verdict in self._verdicts if not verdict.good)
-        quality = float(np.median(rates)) if rates else None
-        draft.area(
-            self.area,
-            tracks=TrackLessons(
-                good=len(rates),
-                refused=dict(refused.most_common()),
-                threshold=getattr(self._judge, "threshold", None),
-                quality=quality,
-            ),
-        )
+        """Add to the report what judge and sight tell: how many stretches were good, and why the others were not."""
         for part in (self._judge, self._sight):
             if isinstance(part, Telling):
                 part.tell(draft)
