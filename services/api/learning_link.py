@@ -24,7 +24,9 @@ MAP_KEPT = 5.0
 """Seconds of a map: it changes slowly and costs more."""
 MAPS_KEPT = 64
 PATIENCE = 5.0
-"""Seconds learning has to answer."""
+"""Seconds learning has to answer …"""
+IMPORT_PATIENCE = 60.0
+"""… and to bring in a bundle, which may be large: it is carried out whether anybody waits or not."""
 
 Ask = Callable[[str, float, bytes | None], bytes | None]
 """Key, seconds to wait and payload of a query; returns the first answer, None if there was none."""
@@ -44,6 +46,7 @@ class LearningLink:
         self._lock = threading.Lock()
         self._asked = -KEPT
         self._report: LearningReport | ProblemError | None = None
+        self._erasures = 0
         self._maps: dict[tuple[str, MapKind, str | None], tuple[float, LearningAnswer]] = {}
 
     def report(self) -> LearningReport:
@@ -53,12 +56,21 @@ class LearningLink:
             ProblemError: it does not answer, or something else does.
         """
         with self._lock:
-            if time.monotonic() - self._asked >= KEPT or self._report is None:
-                self._report = self._fetch()
+            told = self._report
+            if time.monotonic() - self._asked >= KEPT or told is None:
+                erasures = self._erasures
+                self._report = told = self._fetch()
                 self._asked = time.monotonic()
-            if isinstance(self._report, ProblemError):
-                raise ProblemError(self._report.problem, self._report.headers)
-            return self._report
+                if erasures != self._erasures:
+                    self._report = None
+            if isinstance(told, ProblemError):
+                raise ProblemError(told.problem, told.headers)
+            return told
+
+    def forget(self) -> None:
+        """Keep no report that may name a phone whose owner just withdrew consent; waits for nobody."""
+        self._erasures += 1
+        self._report = None
 
     def tell(self, command: LearningCommand) -> LearningAnswer:
         """Return the answer to an order.
@@ -90,7 +102,8 @@ class LearningLink:
         return answer
 
     def _send(self, command: LearningCommand) -> LearningAnswer:
-        answer = self._ask(self._keys.learning_command(), PATIENCE, msgspec.json.encode(command))
+        patience = IMPORT_PATIENCE if command.do == "import" else PATIENCE
+        answer = self._ask(self._keys.learning_command(), patience, msgspec.json.encode(command))
         if answer is None:
             raise _silent()
         try:

@@ -48,6 +48,7 @@ class ApiService(Service[ApiSettings]):
         self._hub = Hub(settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
         self._presence = Presence()
         self._told: list[str] = []
+        self._learning = LearningLink(self.keys, self._ask_once)
         self._connected = bus.connected
         self._inbox = bus.inbox(capacity=10_000)
         self._strangers: set[str] = set()
@@ -84,7 +85,7 @@ class ApiService(Service[ApiSettings]):
             self._live,
             self._hub,
             self._health_report,
-            LearningLink(self.keys, self._ask_once),
+            self._learning,
             self._lifespan,
         )
         serve(app, self.settings.api_host, self.settings.api_port, self.stopping)
@@ -173,6 +174,7 @@ class ApiService(Service[ApiSettings]):
                     self._hub.send("revision", message.area, message.area, revision_event(told_anew))
             elif isinstance(message, Erasure):
                 self._live.erase(message.device)
+                self._learning.forget()
                 self._hub.drop("revision")
             elif isinstance(message, CameraStatus):
                 now = time.time()
