@@ -127,7 +127,8 @@ class RedetectDesk:
             env=environment,
         ) as self._process:
             _give_way(self._process.pid)
-            late = threading.Timer(self._patience, self._process.kill)
+            expired = threading.Event()
+            late = threading.Timer(self._patience, _end, (self._process, expired))
             late.start()
             try:
                 if self._closed:
@@ -136,10 +137,9 @@ class RedetectDesk:
                     send(cast(BinaryIO, self._process.stdin), job, kept)
                 told, said = self._process.communicate()
             finally:
-                expired = late.finished.is_set()
                 late.cancel()
         if self._process.returncode != 0:
-            if expired:
+            if expired.is_set():
                 return _refusal(
                     f"the trial took more than {self._patience:g} s: the machine has little time to spare, "
                     "or too many pictures are kept (ring_minutes)"
@@ -147,6 +147,11 @@ class RedetectDesk:
             log.warning("a trial failed", status=self._process.returncode, reason=said.decode(errors="replace")[-500:])
             return _refusal("the trial failed; the camera's log says why")
         return told
+
+
+def _end(process: subprocess.Popen[bytes], expired: threading.Event) -> None:
+    expired.set()  # first: what waits for the process goes on as soon as it is gone
+    process.kill()
 
 
 def _give_way(process: int) -> None:
