@@ -15,6 +15,7 @@ from services.camera.detector import DetectorError, check_detector
 from services.camera.empty_scene import EmptyScene
 from services.camera.frame_ring import FrameRing
 from services.camera.frames import Frame, Source, SourceError
+from services.camera.learned_version import LearnedVersion
 from services.camera.pipeline import Pipeline, to_message
 from services.camera.projection import GroundDetections, aligned
 from services.camera.redetect_desk import RedetectDesk
@@ -80,11 +81,12 @@ class CameraService(Service[CameraSettings]):
             settings.detector_options,
             self._ring,
             lambda: self._scene.picture,
-            lambda: (self._alignment, self._alignment_version),
+            lambda: (self._alignment, self._aligned.used),
             lambda: self._watch.verdict or self._pipeline.doubt,
             settings.redetect_patience,
         )
-        self._alignment, self._alignment_version = np.eye(3), 0
+        self._alignment = np.eye(3)
+        self._aligned, self._adopted = LearnedVersion("alignment"), LearnedVersion("detector settings")
         self._alignments = bus.inbox(100)
         self._alignments.subscribe(self.keys.alignment(self._camera.id), CameraAlignment, cached=True)
         self._lost = False
@@ -208,12 +210,15 @@ class CameraService(Service[CameraSettings]):
 
     def _adopt(self, settings: DetectorSettings) -> None:
         """Let the running detector work with what was learned; what it cannot is told and changes nothing."""
+        if self._adopted.is_newer_than(settings.version):
+            return
         try:
             self._pipeline.adopt(settings.options)
         except DetectorError as error:
             self.health.degraded("detector settings", f"version {settings.version} is refused: {error}")
             return
         self.health.well("detector settings")
+        self._adopted.use(settings.version)
         self._status.adopted(settings.version)
         SETTINGS_VERSION.labels(self._camera.id).set(settings.version)
         log.info("detector settings", version=settings.version, options=settings.options, reason=settings.reason)
@@ -222,15 +227,21 @@ class CameraService(Service[CameraSettings]):
         """Return the correction of the calibration that is in use, the newest heard."""
         for delivery in self._alignments.receive(0.0):
             told = delivery.message
-            if not isinstance(told, CameraAlignment) or told.version < self._alignment_version:
+            if not isinstance(told, CameraAlignment) or self._aligned.is_newer_than(told.version):
                 continue
             homography = np.array(told.homography).reshape(3, 3)
             if np.linalg.det(homography) <= 0.0:
-                log.warning("alignment refused: allowed: determinant above 0", homography=told.homography)
+                found = ", ".join(f"{value:g}" for value in told.homography)
+                reason = (
+                    f"homography: found ({found}), which mirrors or flattens the plan; allowed: determinant above 0"
+                )
+                self.health.degraded("alignment", f"version {told.version} is refused: {reason}")
                 continue
+            self.health.well("alignment")
             if not np.array_equal(homography, self._alignment):
                 self._watch.forget()  # what the camera shows now is what it is aligned to
-            self._alignment, self._alignment_version = homography, told.version
+            self._alignment = homography
+            self._aligned.use(told.version)
             log.info("alignment", version=told.version, reason=told.reason)
         return self._alignment
 

@@ -20,7 +20,7 @@ from waiting import wait_until
 
 from shared.bus import Bus
 from shared.keys import Keys
-from shared.messages import CameraStatus, DetectionFrame, DetectorSettings
+from shared.messages import CameraAlignment, CameraStatus, DetectionFrame, DetectorSettings
 
 KEYS = Keys("test")
 RATE = 10.0
@@ -80,6 +80,7 @@ class Running:
         self.inbox.subscribe(KEYS.camera_status(), CameraStatus, cached=True)
         self.inbox.subscribe(KEYS.detections(), DetectionFrame)
         self.settings = self.bus.publisher(KEYS.detector_settings("door"), DetectorSettings, cached=True)
+        self.alignment = self.bus.publisher(KEYS.alignment("door"), CameraAlignment, cached=True)
         command = [sys.executable, "-m", "services.camera", "--site-file", str(file), "--camera", "door"]
         command += ["--bus", json.dumps([endpoint]), "--health-port", str(unused_port()), *arguments]
         self.command = command
@@ -101,6 +102,10 @@ class Running:
 
     def adopt(self, version: int, **options: float) -> None:
         self.settings.publish(DetectorSettings(t=time.time(), camera="door", version=version, options=options))
+
+    def align(self, version: int, *homography: float) -> None:
+        wanted = CameraAlignment(t=time.time(), camera="door", version=version, homography=homography)  # type: ignore[arg-type]
+        self.alignment.publish(wanted)
 
     def problems(self) -> dict[str, str]:
         told = list(self.bus.ask(KEYS.health("camera", "door"), 2.0))
@@ -142,6 +147,10 @@ def test_settings_are_adopted_live_refused_with_a_reason_and_known_after_a_resta
     camera.adopt(5)  # as configured
     camera.until(lambda: camera.status and camera.status.settings_version == 5, "version 5")
     assert camera.problems() == {}
+    camera.align(2, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0)
+    camera.until(lambda: "version 2 is refused" in camera.problems().get("alignment", ""), "a refused alignment")
+    camera.align(3, 1.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    camera.until(lambda: camera.problems() == {}, "an alignment that can be used")
     camera.process.kill()
     camera.process.wait()
     camera.status = None
