@@ -137,7 +137,7 @@ def test_a_silent_fusion_and_clocks_ahead_leave_nothing_behind() -> None:
     assert sum(len(phone.readings) for phone in assembler._phones.values()) < 110
 
 
-def test_a_clock_set_back_begins_anew() -> None:
+def test_nothing_said_before_a_clock_was_set_back_is_left() -> None:
     assembler = StretchAssembler(["a"])
     _walked(assembler, 20.0, start=5000.0)
     assembler.take_scan(RadioScan(t=T0 + 5010.0, device="phone", seq=1, access_point=["a"], rssi=[-50.0]))
