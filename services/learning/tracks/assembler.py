@@ -2,8 +2,8 @@
 
 Names are thought over for some seconds, steps are told late, and both may be told again. So nothing teaches before it
 is ``settle`` seconds old. Then a device's time on one track is cut where the track changes, where it is lost for a
-second, and at ``window`` seconds, so that sums over stretches compare [ravel-thesis §8.1]. Memory is bounded by that
-age, whoever is silent: cameras, fusion or phones.
+second, and at ``window`` seconds, so that sums over stretches compare [ravel-thesis §8.1]. What phones say is
+kept for some minutes at most, also where fusion is silent.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ OTHERS = 64
 """Other tracks told of in a stretch, the nearest ones …"""
 OTHERS_EVERY = 1.0
 """… and seconds between two of their places."""
+LATE = 240.0
+"""Seconds by which ``close`` may be called late and nothing said is lost."""
 SAME = 1e-6
 """Seconds by which times that are the same may differ."""
 
@@ -64,7 +66,7 @@ class StretchAssembler:
 
     def __init__(self, points: Sequence[str], window: float = 60.0, settle: float = 12.0, every: float = 0.2) -> None:
         self._window, self._settle, self._every = window, settle, every
-        self._phones = Phones(points, window + 2.0 * settle)
+        self._phones = Phones(points, window + settle + LATE)
         self._points: dict[str, list[Point]] = {}
         self._crowd: deque[_Crowd] = deque()
         self._pending: dict[int, float] = {}

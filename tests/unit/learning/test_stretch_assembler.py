@@ -134,7 +134,16 @@ def test_a_silent_fusion_and_clocks_ahead_leave_nothing_behind() -> None:
         assembler.take_scan(RadioScan(t=T0 + second, device=name, seq=second, access_point=["a"], rssi=[-50.0]))
         if second % 100 == 0:
             assert assembler.close() == []
-    assert sum(len(phone.readings) for phone in assembler._phones.values()) < 110
+    assert sum(len(phone.readings) for phone in assembler._phones.values()) < 350
+
+
+def test_nothing_said_is_lost_when_stretches_are_asked_for_late() -> None:
+    assembler = StretchAssembler(["a"])
+    for second in range(200):
+        _walked(assembler, 1.0, start=float(second))
+        assembler.take_scan(RadioScan(t=T0 + second, device="phone", seq=second, access_point=["a"], rssi=[-50.0]))
+    closed = assembler.close()
+    assert sum(len(stretch.level) for stretch in closed) >= 175
 
 
 def test_nothing_said_before_a_clock_was_set_back_is_left() -> None:
