@@ -8,6 +8,7 @@ probation: on what came after, the one it replaced is tried against it, and come
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Any
@@ -35,6 +36,8 @@ log = structlog.get_logger(__name__)
 
 LONGEST_PROBATION = 86400.0
 """Seconds after which a model stands for which there never was enough to tell."""
+MOST_UNTRIED = 1000
+"""Proposals kept that nobody could try yet."""
 
 
 class LearningLoop:
@@ -74,7 +77,11 @@ class LearningLoop:
         self._pace = pace or Pace()
         self._activate = activate
         self._trials = Trials(gate, ask, executor or Inline(), self._pace, self._live, self._sensor_time)
+        self._untried: OrderedDict[Key, Proposal] = OrderedDict()
+        """The newest proposal of each kind and subject that was not tried: learners tell each once."""
         self._erased = Erased()
+        self._to_forget: set[str] = set()
+        """Phones whose rows the database still has to forget."""
         self._proposed = self._saved = -math.inf
 
     # -- in ----------------------------------------------------------------------------------------------------------
@@ -120,8 +127,17 @@ class LearningLoop:
             for lesson in self.lessons:
                 lesson.learner.forget(device)
             self._trials.forget(device)
+            for kind in PERSONAL:
+                self._untried.pop((kind, device), None)
             self._saved = -math.inf  # what is saved of the learners still knows the phone
-        self.store.forget(device)
+        self._to_forget.add(device)
+        self._forget_stored()
+
+    def _forget_stored(self) -> None:
+        """Have the database forget; whom it cannot forget now is remembered for the next look."""
+        for device in sorted(self._to_forget):
+            self.store.forget(device)
+            self._to_forget.discard(device)
 
     # -- turns -------------------------------------------------------------------------------------------------------
 
@@ -136,6 +152,7 @@ class LearningLoop:
                         lesson.learner.learn(stretch)
                     elif isinstance(lesson.learner, Weighing):
                         lesson.learner.learn_doubtful(stretch)
+        self._forget_stored()  # before all else that the database is needed for
         self._finish(now)
         for proposal in self._alarms():
             self._trials.expect(Candidate(proposal))
@@ -166,16 +183,28 @@ class LearningLoop:
         if 0.0 <= now - self._proposed < self._pace.propose:
             return
         self._proposed = now
+        for proposal in self._proposals():
+            self._keep(proposal)
         asking: list[Proposal] = []
-        for proposal in self._proposals(now):
+        for proposal in [one for key, one in self._untried.items() if self._trials.may_begin(key, now)]:
             if proposal.question and proposal.gain is None:
                 asking.append(proposal)
             else:
                 self._rule(Candidate(proposal), self._gate.of_its_own(proposal), now)
+                self._untried.pop(key_of(proposal), None)
         if asking:
             # The subject that waited longest; among those never tried, as the learners put them.
             first = min(asking, key=lambda one: self._trials.waited_since(key_of(one)))
+            del self._untried[key_of(first)]
             self._trials.start(Candidate(first), first.trained_until, now)
+
+    def _keep(self, proposal: Proposal) -> None:
+        """Keep a proposal until it is tried, in the place of an older one of its kind and subject."""
+        key = key_of(proposal)
+        self._untried.pop(key, None)
+        self._untried[key] = proposal
+        if len(self._untried) > MOST_UNTRIED:
+            self._untried.popitem(last=False)
 
     def _alarms(self) -> list[Proposal]:
         found: list[Proposal] = []
@@ -188,13 +217,13 @@ class LearningLoop:
     def _newest(self, lesson: Lesson) -> float:
         return max((self.areas[name].t for name in lesson.areas if name in self.areas), default=-math.inf)
 
-    def _proposals(self, now: float) -> list[Proposal]:
+    def _proposals(self) -> list[Proposal]:
         found: list[Proposal] = []
         for lesson in self.lessons:
             t = self._newest(lesson)
             if math.isfinite(t):
                 found += lesson.learner.propose(t, t - self._pace.held_out)
-        return [one for one in found if self._trials.may_begin(key_of(one), now) and self._is_sound(one)]
+        return [one for one in found if self._is_sound(one)]
 
     def _is_sound(self, proposal: Proposal) -> bool:
         if proposal.kind in PERSONAL and proposal.subject in self._erased:
@@ -257,13 +286,20 @@ class LearningLoop:
         if finished is None:
             return
         candidate, ruling = finished
+        key = key_of(candidate.proposal)
+        if candidate.role == "proposed":
+            self._untried.setdefault(key, candidate.proposal)  # until it is ruled on, and that is stored
+        if ruling.outcome == "later":
+            return
         if candidate.role != "former":
             self._rule(candidate, ruling, now)
+            if self._untried.get(key) is candidate.proposal:
+                del self._untried[key]
         elif ruling.outcome == "activate":
             words = f"on what came after, the model before was better: {ruling.reason}"
-            self.roll_back(*key_of(candidate.proposal), now, words, ruling)
+            self.roll_back(*key, now, words, ruling)
         else:
-            self.store.settle(*key_of(candidate.proposal))
+            self.store.settle(*key)
 
     # -- decisions ---------------------------------------------------------------------------------------------------
 
@@ -328,6 +364,7 @@ class LearningLoop:
             self.areas[model.area].activated(model.model)
 
     def _go_live(self, model: StoredModel) -> None:
+        self._untried.pop((model.kind, model.subject), None)  # it was made to be better than the one before
         self._publish(model.model)
         self._judge_under(model)
         for lesson in self.lessons:

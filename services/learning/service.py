@@ -141,12 +141,12 @@ class LearningService(Service[LearningSettings]):
             raise ServiceError(unreachable(self._engine, error)) from error
 
     def _take(self, message: Message) -> None:
-        self.loop.take(message)
         if isinstance(message, Erasure):
-            for kind in PERSONAL:
+            for kind in PERSONAL:  # first: whether or not the database is there
                 publisher = self._publishers.pop(f"{kind}/{message.device}", None)
                 if publisher is not None:
                     publisher.close()  # and with it what it keeps for late joiners
+        self.loop.take(message)
 
     def _guarded(self, work: Any) -> None:
         """Do something that needs the database; while that is away, learning goes on in memory and says so."""

@@ -185,7 +185,10 @@ class Trials:
         return False
 
     def finished(self, now: float) -> tuple[Candidate, Ruling] | None:
-        """Return what the gate decided of the candidate whose trial ended; None: nothing is decided now."""
+        """Return what the gate decided of the candidate whose trial ended; None: nothing is decided now.
+
+        "later": nothing was tried, and nothing is kept of the candidate.
+        """
         asked = self._asked
         if asked is None or not asked.answer.done():
             return None
@@ -204,7 +207,9 @@ class Trials:
         if ruling.outcome == "later":
             self.wait(key, now + self._pace.again)
             trials = asked.trials
-        if key not in self._open and (trials or proposal.urgent):
+        if not trials and not proposal.urgent:
+            return asked.candidate, ruling
+        if key not in self._open:
             self._open[key] = _Open(asked.candidate, trials, asked.live, asked.until)
         return None
 

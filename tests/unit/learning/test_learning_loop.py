@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from learning_models import POINTS, TestLearner, area, lesson, power_of, radio, stride, walk
 from sqlalchemy import Engine
+from sqlalchemy.exc import OperationalError
 
 from services.learning.activation.database import in_memory
 from services.learning.activation.gate import Gate
@@ -130,6 +131,56 @@ def test_what_loses_is_refused_and_its_subject_is_left_alone_until_there_is_new_
     assert len(world.asked) == 2
 
 
+def test_a_candidate_that_fusion_has_no_time_for_is_tried_again_though_its_learner_tells_it_once() -> None:
+    world, busy = World(), True
+
+    def tell(place: str, question: bytes) -> Mapping[str, Any]:
+        return {"error": "busy: another candidate is being tried"} if busy else world.answer(place, question)
+
+    world.loop._trials._ask = tell
+    world.propose()
+    world.live_until(BEGIN + 10.0)
+    world.learner.proposals, busy = [], False
+    assert world.decisions() == []
+    world.live_until(BEGIN + 60.0, BEGIN + 10.0)
+    assert world.decisions() == ["activated"]
+
+
+def test_of_two_candidates_the_second_waits_its_turn_until_a_newer_one_or_an_erasure_ends_it() -> None:
+    slow = Slow()
+    world = World(executor=slow)
+    world.propose()
+    asked = Proposal("stride", "d-1", "hall", stride("d-1"), BEFORE, b'{"kind":"stride"}')
+    world.walker.proposals = [asked, Proposal("stride", "d-2", "hall", stride("d-2"), BEFORE, b'{"kind":"stride"}')]
+    world.live_until(BEGIN + 10.0)
+    world.learner.proposals, world.walker.proposals = [], []
+    assert list(world.loop._untried) == [("stride", "d-1"), ("stride", "d-2")]
+    world.loop.take(Erasure(t=0.0, device="d-1"))
+    assert list(world.loop._untried) == [("stride", "d-2")]
+    stored = world.loop.store.refuse(stride("d-2"), "stride", "d-2", "hall", Decided(BEGIN, BEGIN, ""))
+    world.loop.put_live(stored, BEGIN + 10.0, "by hand")
+    assert not world.loop._untried, "it was to be better than what is live no more"
+
+
+def test_who_withdraws_while_the_database_is_away_is_forgotten_there_as_soon_as_it_is_back() -> None:
+    world = World()
+    world.loop.store.activate(stride("d-1"), "stride", "d-1", "hall", Decided(1.0, 1.0, "wins"))
+    forget = world.loop.store.forget
+
+    def away(device: str) -> None:
+        raise OperationalError("delete", {}, Exception("away"))
+
+    world.loop.store.forget = away  # type: ignore[method-assign]
+    with pytest.raises(OperationalError):
+        world.loop.take(Erasure(t=0.0, device="d-1"))
+    with pytest.raises(OperationalError):
+        world.loop.look(BEGIN)
+    assert world.learner.forgotten == ["d-1"], "in memory at once"
+    world.loop.store.forget = forget  # type: ignore[method-assign]
+    world.loop.look(BEGIN + 1.0)
+    assert (world.loop.store.models(), world.loop.store.history()) == ([], [])
+
+
 def test_a_model_that_does_worse_on_what_came_after_goes_back_by_itself() -> None:
     world = World()
     world.gain_of_configured = 0.1
@@ -153,9 +204,9 @@ def test_a_model_that_does_worse_on_what_came_after_goes_back_by_itself() -> Non
 def test_a_model_that_stands_its_probation_stays() -> None:
     world = World()
     world.propose()
-    world.live_until(BEGIN + 40.0)
+    world.live_until(BEGIN + 10.0)
     world.learner.proposals = []
-    world.live_until(BEGIN + 200.0, BEGIN + 40.0)
+    world.live_until(BEGIN + 200.0, BEGIN + 10.0)
     assert world.decisions() == ["activated"]
     assert len(world.asked) == 2
     live = world.loop.store.active("radio", "hall")
