@@ -19,7 +19,7 @@ import structlog
 
 from services.learning.activation.gate import Gate, Ruling
 from services.learning.activation.kinds import PERSONAL, kind_of, subject_of
-from services.learning.activation.questions import question_of
+from services.learning.activation.questions import is_tried, question_of
 from services.learning.activation.store import Decided, ModelStore, StoredModel
 from services.learning.area_tracks import AreaTracks
 from services.learning.lesson import Alert, Critic, Lesson, Watching, Weighing
@@ -71,6 +71,8 @@ class LearningLoop:
         self.areas = areas
         self.lessons = lessons
         self.store = store
+        # Asked once: it is much slower than what is asked then, for every message.
+        self._watching = [(lesson.areas, lesson.learner) for lesson in lessons if isinstance(lesson.learner, Watching)]
         self._learners = {lesson.name: lesson.learner for lesson in lessons}
         self._gate = gate
         self._publish = publish
@@ -82,12 +84,17 @@ class LearningLoop:
         self._erased = Erased()
         self._to_forget: set[str] = set()
         """Phones whose rows the database still has to forget."""
+        self._to_publish: list[StoredModel] = []
+        """Phones' models that were live before the start."""
         self._proposed = self._saved = -math.inf
 
     # -- in ----------------------------------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Go on from what was stored: learners know what they knew, live models are published again."""
+        """Go on from what was stored: learners know what they knew, live models are published again.
+
+        Those of phones at the first look only: by then it is known whose owners withdrew consent meanwhile.
+        """
         for model in self.store.all_active():
             self._judge_under(model)  # before what was known is restored: it was known under this model
         states = self.store.states()
@@ -99,7 +106,9 @@ class LearningLoop:
             except ValueError as error:
                 log.warning("what was learned is not understood, it begins anew", part=name, reason=str(error))
         for model in self.store.all_active():
-            self._go_live(model)
+            self._go_live(model, publish=model.kind not in PERSONAL)
+            if model.kind in PERSONAL:
+                self._to_publish.append(model)
         for said in reversed(self.store.history()):
             back = said.decision == "rolled back"
             pause = self._pace.after_roll_back if back else self._pace.after_refusal
@@ -114,9 +123,9 @@ class LearningLoop:
             return
         of = {name for name, area in self.areas.items() if area.take(message, self._erased)}
         if of:
-            for lesson in self.lessons:
-                if isinstance(lesson.learner, Watching) and not of.isdisjoint(lesson.areas):
-                    lesson.learner.watch(message)
+            for areas, learner in self._watching:
+                if not of.isdisjoint(areas):
+                    learner.watch(message)
 
     def forget(self, device: str) -> None:
         """Forget a phone whose owner withdrew consent, in memory and in the database."""
@@ -153,6 +162,10 @@ class LearningLoop:
                     elif isinstance(lesson.learner, Weighing):
                         lesson.learner.learn_doubtful(stretch)
         self._forget_stored()  # before all else that the database is needed for
+        while self._to_publish:
+            model = self._to_publish.pop()
+            if self._live((model.kind, model.subject)) == model.version:
+                self._publish(model.model)
         self._finish(now)
         for proposal in self._alarms():
             self._trials.expect(Candidate(proposal))
@@ -173,14 +186,13 @@ class LearningLoop:
         return {**{f"tracks/{name}": area for name, area in self.areas.items()}, **self._learners}
 
     def _begin_trial(self, now: float) -> None:
-        if (
-            self._trials.go_on(now, urgent=True)
-            or self._begin_probation(now)
-            or self._begin_imported(now)
-            or self._trials.go_on(now)
-        ):
+        if self._trials.go_on(now, urgent=True):
             return
-        if 0.0 <= now - self._proposed < self._pace.propose:
+        # What reads models or asks learners is not done at every look.
+        due = not 0.0 <= now - self._proposed < self._pace.propose
+        if due and (self._begin_probation(now) or self._begin_imported(now)):
+            return
+        if self._trials.go_on(now) or not due:
             return
         self._proposed = now
         for proposal in self._proposals():
@@ -192,7 +204,7 @@ class LearningLoop:
             else:
                 self._rule(Candidate(proposal), self._gate.of_its_own(proposal), now)
                 self._untried.pop(key_of(proposal), None)
-        if asking:
+        if asking and self._trials.rested(now):
             # The subject that waited longest; among those never tried, as the learners put them.
             first = min(asking, key=lambda one: self._trials.waited_since(key_of(one)))
             del self._untried[key_of(first)]
@@ -237,17 +249,18 @@ class LearningLoop:
         """Have what a live model replaced tried against it, on what was measured since."""
         for model in self.store.on_probation():
             key = model.kind, model.subject
-            former = self.store.before(model)
-            question = question_of(former)
             ripe = self._sensor_time(model.area, now) >= model.since + self._pace.held_out
             if now > model.decided + LONGEST_PROBATION:
                 self.store.settle(*key)
-            elif question is None:
-                self._review(model, former, now)
-            elif ripe and self._trials.may_begin(key, now):
-                proposal = Proposal(*key, model.area, former, model.since, question)
-                self._trials.start(Candidate(proposal, "former"), model.since, now)
-                return True
+            elif not is_tried(model.kind):
+                self._review(model, self.store.before(model), now)
+            elif ripe and self._trials.rested(now) and self._trials.may_begin(key, now):
+                former = self.store.before(model)
+                question = question_of(former)
+                if question is not None:
+                    proposal = Proposal(*key, model.area, former, model.since, question)
+                    self._trials.start(Candidate(proposal, "former"), model.since, now)
+                    return True
         return False
 
     def _review(self, model: StoredModel, former: Message, now: float) -> None:
@@ -270,6 +283,8 @@ class LearningLoop:
 
     def _begin_imported(self, now: float) -> bool:
         """Have an imported model tried on the last minutes, none of which taught it."""
+        if not self._trials.rested(now):
+            return False
         for model in self.store.imported():
             key = model.kind, model.subject
             question = question_of(model.model)
@@ -363,9 +378,10 @@ class LearningLoop:
         if model.kind == "radio" and model.area in self.areas:
             self.areas[model.area].activated(model.model)
 
-    def _go_live(self, model: StoredModel) -> None:
+    def _go_live(self, model: StoredModel, *, publish: bool = True) -> None:
         self._untried.pop((model.kind, model.subject), None)  # it was made to be better than the one before
-        self._publish(model.model)
+        if publish:
+            self._publish(model.model)
         self._judge_under(model)
         for lesson in self.lessons:
             if lesson.learner.kind == model.kind and model.area in lesson.areas:
@@ -399,8 +415,7 @@ class LearningLoop:
         return device in self._erased
 
     def _live(self, key: Key) -> int:
-        live = self.store.active(*key)
-        return 0 if live is None else live.version
+        return self.store.live_version(*key)
 
     def _sensor_time(self, area: str, now: float) -> float:
         known = self.areas.get(area)

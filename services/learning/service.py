@@ -105,7 +105,7 @@ class LearningService(Service[LearningSettings]):
     def run(self) -> None:
         """Learn until asked to stop."""
         self._begin()
-        # Cached: whoever withdrew consent while this process was down is in the state it restored.
+        # Cached, and first: whoever withdrew consent while this process was down is in the state it restored.
         self._inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
         self._inbox.subscribe(self.keys.tracks(), TrackFrame)
         self._inbox.subscribe(self.keys.revisions(), Revision)
@@ -116,7 +116,7 @@ class LearningService(Service[LearningSettings]):
         self.bus.answer_questions(self.keys.learning_report(), lambda question: self._ask(question, order=False))
         self.bus.answer_questions(self.keys.learning_command(), lambda question: self._ask(question, order=True))
         self.health.ready.set()
-        looked = -TURN
+        looked = time.monotonic()  # the first turn publishes phones' models: not before those erasures were heard
         while not self.stopping.is_set():
             for delivery in self._inbox.receive(timeout=TURN):
                 self._guarded(lambda message=delivery.message: self._take(message))

@@ -12,6 +12,8 @@ from shared.settings import ServiceSettings
 __all__ = ["LearningSettings", "default_learning_database_url"]
 
 DEFAULT_DATABASE = "sqlite:///atrium-learning.db"
+REST, URGENT_REST = 10.0, 4.0
+"""Times what a trial took before the next: trials take a tenth of a core, a fifth where something changed."""
 
 
 def default_learning_database_url() -> str:
@@ -49,4 +51,6 @@ class LearningSettings(ServiceSettings):
             after_refusal=held_out,
             after_roll_back=15.0 * held_out,
             save=self.save_every,
+            rest=REST,
+            urgent_rest=URGENT_REST,
         )

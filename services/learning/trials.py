@@ -6,7 +6,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from services.learning.activation.answer import Trial, read_answer
@@ -37,6 +37,9 @@ class Pace:
         after_refusal: until another candidate of the same subject is tried: not on the time that refused the last.
         after_roll_back: the same after a model had to go back.
         save: between two times what learners know is saved.
+        rest: after a trial nothing is tried for so many times what fusion computed for it; seconds of the machine, so
+            none in experiments, whose time is not the machine's.
+        urgent_rest: the same before an urgent candidate.
     """
 
     propose: float = 60.0
@@ -46,6 +49,8 @@ class Pace:
     after_refusal: float = 240.0
     after_roll_back: float = 3600.0
     save: float = 300.0
+    rest: float = 0.0
+    urgent_rest: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -129,6 +134,10 @@ class Trials:
         """Candidates that were better, but not surely: they wait for more held-out time."""
         self._not_before: OrderedDict[Key, float] = OrderedDict()
         """When a subject may be tried again, wall clock."""
+        self._ended, self._took = -math.inf, 0.0
+        """When the last trial ended, and seconds that were computed for it."""
+        self._gone: set[str] = set()
+        """Phones whose owners withdrew consent since the trial under way began."""
         self._words: dict[str, str] = {}
         """By area, what the last trial came to where nothing was decided."""
 
@@ -140,6 +149,11 @@ class Trials:
     def may_begin(self, key: Key, now: float) -> bool:
         """Whether a candidate of this kind and subject may be tried."""
         return key not in self._open and now >= self._not_before.get(key, -math.inf)
+
+    def rested(self, now: float, *, urgent: bool = False) -> bool:
+        """Whether the last trial is so long ago that learning takes no more than its share of a core."""
+        rest = self._took * (self._pace.urgent_rest if urgent else self._pace.rest)
+        return not 0.0 <= now - self._ended < rest
 
     def waited_since(self, key: Key) -> float:
         """Return since when a candidate of this kind and subject might have been tried; -inf: none ever was."""
@@ -157,6 +171,7 @@ class Trials:
         proposal = candidate.proposal
         answer = self._executor.submit(self._ask, proposal.area, held_out(proposal.question, since))
         until = self._sensor_time(proposal.area, now)
+        self._gone.clear()
         self._asked = _Asked(candidate, trials, self._live(key_of(proposal)), until, answer)
 
     def expect(self, candidate: Candidate) -> None:
@@ -173,7 +188,7 @@ class Trials:
         ``urgent``: only such a one.
         """
         for key, one in list(self._open.items()):
-            if urgent and not one.candidate.proposal.urgent:
+            if (urgent and not one.candidate.proposal.urgent) or not self.rested(now, urgent=urgent):
                 continue
             t = self._sensor_time(one.candidate.proposal.area, now)
             if one.live != self._live(key) or t < one.since:  # another model is live, or time ran back
@@ -194,11 +209,15 @@ class Trials:
             return None
         self._asked = None
         proposal, key = asked.candidate.proposal, key_of(asked.candidate.proposal)
-        if asked.live != self._live(key):
-            return None  # it was tried against what is no longer live
         error = asked.answer.exception()
         told = asked.answer.result() if error is None else {"error": f"fusion of area {proposal.area}: {error}"}
-        trials = (*asked.trials, read_answer(told))
+        trial = read_answer(told)
+        self._ended, self._took = now, trial.took
+        if asked.live != self._live(key):
+            return None  # it was tried against what is no longer live
+        if not self._gone.isdisjoint(trial.devices):
+            return asked.candidate, Ruling("later", "somebody it was tried on withdrew consent meanwhile")
+        trials = (*asked.trials, trial)
         ruling = self._gate.of_trials(proposal, trials)
         if ruling.outcome in ("activate", "refuse"):
             self._words.pop(proposal.area, None)
@@ -216,6 +235,10 @@ class Trials:
     def forget(self, device: str) -> None:
         """Forget candidates of one phone, and what other candidates' trials say of it."""
         asked = self._asked
+        if asked is not None:
+            self._gone.add(device)
+            if _names(asked.trials, device):
+                self._asked = replace(asked, trials=())
         for kind in PERSONAL:
             self._open.pop((kind, device), None)
             self._not_before.pop((kind, device), None)

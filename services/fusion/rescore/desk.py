@@ -103,7 +103,8 @@ class RescoreDesk:
                 told, said = self._process.communicate(pickle.dumps(job), timeout=self._patience)
             except subprocess.TimeoutExpired:
                 self._process.kill()
-                return _refusal(f"the trial took more than {self._patience:g} s; keep fewer minutes (rescore_minutes)")
+                words = f"the trial took more than {self._patience:g} s; keep fewer minutes (rescore_minutes)"
+                return msgspec.json.encode({"error": words, "took": self._patience})
         if self._process.returncode != 0:
             log.warning("a trial failed", status=self._process.returncode, reason=said.decode(errors="replace")[-500:])
             return _refusal("the trial failed; the service's log says why")

@@ -32,12 +32,13 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     ``gain`` is in nats per withheld reading, candidate minus active, ``gain_error`` its standard error; ``scans`` were
     withheld, over ``seconds``; ``tracks_gain`` with its error is the part of it that is due to other tracks bearing the
     names, judged by both models; ``active_named`` and ``candidate_named`` are the shares of withheld readings that were
-    taken while a track bore the phone's name.
+    taken while a track bore the phone's name; computing it ``took`` so many seconds.
     """
 
     error: str | None = None
     scans: int = 0
     seconds: float = 0.0
+    took: float = 0.0
     gain: float | None = None
     gain_error: float | None = None
     active_named: float = 0.0
@@ -69,7 +70,7 @@ def read_answer(answer: Mapping[str, Any]) -> Trial:
         return Trial(error=f"fusion's answer is not understood: {error}")
     numbers = (
         *(trial.gain, trial.gain_error, trial.tracks_gain, trial.tracks_gain_error),
-        *(trial.candidate_named, trial.active_named, trial.seconds),
+        *(trial.candidate_named, trial.active_named, trial.seconds, trial.took),
     )
     if trial.error is None and not all(number is None or math.isfinite(number) for number in numbers):
         return Trial(error="fusion's answer is not understood: a number is not finite")

@@ -6,9 +6,15 @@ from typing import Any
 
 import msgspec
 
+from shared.learning_report import ModelKind
 from shared.messages import Message, RadioModelUpdate
 
-__all__ = ["held_out", "question_of"]
+__all__ = ["held_out", "is_tried", "question_of"]
+
+
+def is_tried(kind: ModelKind) -> bool:
+    """Whether fusion can try a whole model of this kind by itself."""
+    return kind == "radio"
 
 
 def question_of(model: Message) -> bytes | None:

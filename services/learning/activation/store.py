@@ -6,6 +6,7 @@ starts again, for at every start all active models are published anew.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -102,6 +103,8 @@ class ModelStore:
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
+        self._digests: dict[str, bytes] = {}
+        """Of the states that are stored, by name."""
 
     # -- what there is ---------------------------------------------------------------------------------------------
 
@@ -110,6 +113,12 @@ class ModelStore:
         with Session(self._engine) as session:
             row = _active(session, kind, subject)
             return None if row is None else _stored(row)
+
+    def live_version(self, kind: ModelKind, subject: str) -> int:
+        """Return the version that is live, without reading the model; 0: as configured."""
+        with Session(self._engine) as session:
+            where = (*_which(kind, subject), ModelRow.state == "active")
+            return session.scalar(select(ModelRow.version).where(*where)) or 0
 
     def all_active(self) -> list[StoredModel]:
         """Return all live models; a row that cannot be read any more is left out."""
@@ -270,10 +279,16 @@ class ModelStore:
     # -- what learners know, switches, erasure -----------------------------------------------------------------------
 
     def save_states(self, states: Mapping[str, bytes], t: float) -> None:
-        """Keep what the learners know, by name, in the place of what was kept."""
+        """Keep what the learners know, by name, in the place of what was kept; only what changed is written."""
+        digests = {name: hashlib.blake2b(state, digest_size=16).digest() for name, state in states.items()}
+        changed = {name for name, digest in digests.items() if self._digests.get(name) != digest}
+        same = sorted(states.keys() - changed)
+        if not changed and digests.keys() == self._digests.keys():
+            return
         with Session(self._engine) as session, session.begin():
-            session.execute(delete(LearnerRow))
-            session.add_all(LearnerRow(name=name, saved=t, state=state) for name, state in states.items())
+            session.execute(delete(LearnerRow).where(LearnerRow.name.not_in(same)))
+            session.add_all(LearnerRow(name=name, saved=t, state=states[name]) for name in sorted(changed))
+        self._digests = digests
 
     def states(self) -> dict[str, bytes]:
         """Return what the learners knew when they were saved."""

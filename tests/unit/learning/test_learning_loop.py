@@ -3,6 +3,8 @@
 import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -19,10 +21,11 @@ from services.learning.area_tracks import AreaTracks
 from services.learning.loop import LearningLoop
 from services.learning.proposal import Proposal
 from services.learning.report_draft import ReportDraft
+from services.learning.settings import LearningSettings
 from services.learning.tracks.assembler import StretchAssembler
 from services.learning.tracks.stretch import Stretch
 from services.learning.tracks.verdict import Verdict
-from services.learning.trials import Inline, Pace
+from services.learning.trials import Candidate, Inline, Pace, Trials
 from shared.learning_report import ModelKind, TrackLessons
 from shared.messages import Erasure, HeadingModel, Message, RadioModelUpdate, RadioScan
 
@@ -179,6 +182,54 @@ def test_who_withdraws_while_the_database_is_away_is_forgotten_there_as_soon_as_
     world.loop.store.forget = forget  # type: ignore[method-assign]
     world.loop.look(BEGIN + 1.0)
     assert (world.loop.store.models(), world.loop.store.history()) == ([], [])
+
+
+def test_phones_models_are_published_after_a_start_once_erasures_were_heard() -> None:
+    world = World()
+    for device in ("d-1", "d-2"):
+        world.loop.store.activate(stride(device), "stride", device, "hall", Decided(1.0, 1.0, "wins"))
+    again = World(world.engine)
+    again.loop.begin()
+    assert again.sent == []
+    again.loop.take(Erasure(t=0.0, device="d-1"))
+    again.loop.look(BEGIN)
+    again.loop.look(BEGIN + 1.0)
+    assert [getattr(one, "device", None) for one in again.sent] == ["d-2"]
+
+
+@pytest.mark.parametrize(("urgent", "times"), [(False, 10.0), (True, 4.0)])
+def test_after_a_trial_learning_rests_so_that_trials_take_a_share_of_a_core_only(urgent: bool, times: float) -> None:
+    world = World()
+    trials = Trials(
+        Gate(),
+        lambda place, question: {**world.answer(place, question), "took": 12.0},
+        Inline(),
+        LearningSettings(site_file=Path("site.yaml")).pace(),
+        lambda _: 0,
+        lambda _place, now: now,
+    )
+    world.propose()
+    first = world.learner.proposals[0]
+    trials.start(Candidate(first), BEFORE, BEGIN)
+    assert trials.finished(BEGIN) is not None
+    trials.expect(Candidate(replace(first, trained_until=BEGIN - 1000.0, urgent=urgent)))
+    assert not trials.go_on(BEGIN + times * 12.0 - 1.0, urgent=urgent)
+    assert trials.go_on(BEGIN + times * 12.0, urgent=urgent)
+
+
+def test_a_trial_that_names_who_withdrew_meanwhile_is_void_and_the_candidate_is_tried_again() -> None:
+    slow = Slow()
+    world = World(executor=slow)
+    world.propose()
+    world.live_until(BEGIN + 10.0)
+    world.learner.proposals = []
+    world.loop.take(Erasure(t=0.0, device="d-1"))
+    slow.answer()
+    world.loop.look(BEGIN + 11.0)
+    assert world.decisions() == []
+    assert not world.loop._trials._open, "what it was better by is not kept: it names the phone"
+    world.loop.look(BEGIN + 40.0)
+    assert len(slow.waiting) == 1
 
 
 def test_a_model_that_does_worse_on_what_came_after_goes_back_by_itself() -> None:

@@ -14,7 +14,7 @@ from services.cli.main import app
 from services.gateway.devices.database import schema_problem as gateway_problem
 from services.learning.activation.database import SCHEMA, in_memory, migrate, open_learning
 from services.learning.activation.store import KEPT_MODELS, Decided, ModelStore, NoSuchModelError
-from services.learning.activation.tables import Base, ModelRow
+from services.learning.activation.tables import Base, LearnerRow, ModelRow
 from shared.messages import RadioModelUpdate, StrideModel
 from shared.runner import ServiceError
 
@@ -148,6 +148,26 @@ def test_a_restart_finds_models_decisions_states_and_the_switch(engine: Engine, 
     assert again.frozen
     again.freeze(False)
     assert not store.frozen
+
+
+def test_only_states_that_changed_are_written_and_what_is_kept_no_more_goes(engine: Engine, store: ModelStore) -> None:
+    store.save_states({"a": b"1", "b": b"1", "c": b"1"}, 5.0)
+    store.save_states({"a": b"1", "b": b"2"}, 6.0)
+    with Session(engine) as session:
+        assert {row.name: (row.saved, row.state) for row in session.query(LearnerRow)} == {
+            "a": (5.0, b"1"),
+            "b": (6.0, b"2"),
+        }
+    again = ModelStore(engine)
+    again.save_states({"a": b"1"}, 7.0)
+    assert again.states() == {"a": b"1"}
+
+
+def test_the_live_version_is_told_without_its_model(store: ModelStore) -> None:
+    assert store.live_version("radio", "hall") == 0
+    activate(store, -40.0)
+    activate(store, -41.0)
+    assert store.live_version("radio", "hall") == 2
 
 
 def test_a_row_that_cannot_be_read_any_more_is_left_out(engine: Engine, store: ModelStore) -> None:
