@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-__all__ = ["DeviceTrial", "SightTrial", "Trial", "pooled", "read_answer"]
+__all__ = ["DeviceTrial", "Trial", "pooled", "read_answer"]
 
 
 class DeviceTrial(msgspec.Struct, frozen=True, kw_only=True):
@@ -17,13 +17,6 @@ class DeviceTrial(msgspec.Struct, frozen=True, kw_only=True):
     scans: int = 0
     gain: float | None = None
     """Nats per withheld reading, candidate minus active."""
-
-
-class SightTrial(msgspec.Struct, frozen=True, kw_only=True):
-    """How well cameras' detections speak for the tracks made of them: nats per second, candidate minus active."""
-
-    gain: float | None = None
-    gain_error: float | None = None
 
 
 class Trial(msgspec.Struct, frozen=True, kw_only=True):
@@ -45,8 +38,6 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     candidate_named: float | None = None
     tracks_gain: float = 0.0
     tracks_gain_error: float | None = None
-    sight: SightTrial | None = None
-    """Where other detections were tried; then the gain of readings may be left open."""
     devices: dict[str, DeviceTrial] = {}
 
     @property

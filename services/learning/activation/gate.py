@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from services.learning.activation.answer import DeviceTrial, SightTrial, Trial, pooled
+from services.learning.activation.answer import DeviceTrial, Trial, pooled
 from services.learning.proposal import Proposal
 
 __all__ = ["Gate", "GateSettings", "Ruling"]
@@ -41,7 +41,6 @@ class GateSettings:
         without_best: share of the margin that must remain without the phone that gains most.
         ruined: loss of one phone that no gain of others outweighs.
         names: share of readings that may lose their name.
-        least_sight: nats per second by which other detections must at least speak better for their tracks.
     """
 
     least_gain: float = 0.003
@@ -57,7 +56,6 @@ class GateSettings:
     without_best: float = 0.25
     ruined: float = 0.1
     names: float = 0.01
-    least_sight: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -105,8 +103,6 @@ class Gate:
             if trial.error.startswith(LATER):
                 return Ruling("later", trial.error)
             return Ruling("refuse", f"fusion cannot try it: {trial.error}")
-        if trial.sight is not None:
-            return self._of_sight(trial, trial.sight)
         if trial.gain is None:
             return Ruling("later", f"fusion of area {proposal.area} scored no candidate")
         wanted, looks, trial = self._settings, len(trials), pooled(trials)
@@ -135,22 +131,6 @@ class Gate:
             return Ruling("refuse", fault, trial.gain, margin, evidence)
         words = f"wins by {trial.gain:.3g} nats per reading, more than the {margin:.3g} asked for"
         return Ruling("activate", words, trial.gain, margin, evidence)
-
-    def _of_sight(self, trial: Trial, sight: SightTrial) -> Ruling:
-        """Rule on other detections: tracks must be better supported, and names not surely worse."""
-        wanted = self._settings
-        if sight.gain is None or sight.gain_error is None or trial.seconds < wanted.least_seconds:
-            return Ruling("later", f"too little held-out data: {trial.seconds:.0f} s of detections")
-        margin = max(wanted.least_sight, wanted.at_once * sight.gain_error)
-        evidence = {**_evidence(trial, len(trial.devices)), "standard error of the gain": sight.gain_error}
-        words = f"detections speak for their tracks by {sight.gain:.3g} nats per second more"
-        if not sight.gain > margin:
-            return Ruling("refuse", f"{words}, not by more than {margin:.3g}", sight.gain, margin, evidence)
-        spread = trial.spread
-        if trial.gain is not None and spread is not None and trial.gain < -wanted.at_once * spread:
-            worse = f"but phones' readings fit worse by {-trial.gain:.3g} nats each"
-            return Ruling("refuse", f"{words}, {worse}", sight.gain, margin, evidence)
-        return Ruling("activate", f"{words}, by more than the {margin:.3g} asked for", sight.gain, margin, evidence)
 
     def _fault(self, trial: Trial, margin: float, witnesses: Mapping[str, DeviceTrial]) -> str:
         """Return why a candidate does not go live; empty where it does."""

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.learning.activation.answer import DeviceTrial, SightTrial, Trial, pooled, read_answer
+from services.learning.activation.answer import DeviceTrial, Trial, pooled, read_answer
 from services.learning.activation.gate import Gate, GateSettings
 from services.learning.proposal import Proposal
 from shared.messages import RadioModelUpdate
@@ -172,21 +172,3 @@ def test_without_an_error_from_fusion_the_phones_disagreement_is_one() -> None:
     assert trial([0.1, 0.1], error=None).spread == pytest.approx(0.0)
     assert (trial([0.2, 0.0], error=None).spread or 0.0) > 0.05
     assert trial([0.2], error=None).spread is None
-
-
-@pytest.mark.parametrize(
-    ("sight", "gain", "expected"),
-    [
-        (SightTrial(gain=0.5, gain_error=0.1), None, "activate"),
-        (SightTrial(gain=0.5, gain_error=0.1), -0.001, "activate"),
-        (SightTrial(gain=0.5, gain_error=0.1), -0.1, "refuse"),
-        (SightTrial(gain=0.15, gain_error=0.1), 0.1, "refuse"),
-        (SightTrial(gain=0.04, gain_error=0.001), 0.1, "refuse"),
-        (SightTrial(), 0.1, "later"),
-    ],
-)
-def test_other_detections_must_speak_better_for_their_tracks_and_not_worse_for_names(
-    sight: SightTrial, gain: float | None, expected: str
-) -> None:
-    found, reason = outcome(trial([0.1, 0.1], gain=gain, sight=sight))
-    assert (found, bool(reason)) == (expected, True)
