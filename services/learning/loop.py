@@ -197,6 +197,9 @@ class LearningLoop:
         self._proposed = now
         for proposal in self._proposals():
             self._keep(proposal)
+        for key, one in list(self._untried.items()):
+            if one.trained_until > self._sensor_time(one.area, now):  # time ran back: nothing will judge it soon
+                del self._untried[key]
         asking: list[Proposal] = []
         for proposal in [one for key, one in self._untried.items() if self._trials.may_begin(key, now)]:
             if proposal.question and proposal.gain is None:
