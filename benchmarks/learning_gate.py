@@ -35,7 +35,7 @@ __all__ = ["EXPERIMENT", "WORLDS", "Bout", "draw_gate", "gate_figures", "main", 
 WORLDS = ("construction-1", "museum", "construction-2", "museum") * 4 + ("museum",)
 EACH = 2
 """Candidates tried in each area of a world."""
-TURN, TAUGHT, LOOK, LOOKS, TEST = 180.0, 360.0, 240.0, 2, 480.0
+TURN, TAUGHT, LOOK, LOOKS, TEST = 180.0, 360.0, 240.0, 3, 600.0
 """Seconds: when something changes, when training ends, of a look of the gate, how many looks, of the test."""
 BEFORE = 120.0
 """Seconds before a look from which on fusion still has what was said: who is who is known when it begins."""
@@ -177,12 +177,12 @@ EXPERIMENT = Experiment(
     scenario="random worlds",
     run=run,
     made="""Fifty candidates of a radio model in random worlds (building sites and museum; ten frames a second at most;
-after 3 minutes one access point becomes up to 15 dB stronger or weaker). Minutes 0 to 6 teach, 6 to 14 are the gate's
-(two looks), 14 to 22 tell the truth: mean over people and minutes of the RMSE, fresh trackers; active is the site as
+after 3 minutes one access point becomes up to 15 dB stronger or weaker). Minutes 0 to 6 teach, 6 to 18 are the gate's
+(three looks), 18 to 28 tell the truth: mean over people and minutes of the RMSE, fresh trackers; active is the site as
 found, or what was learned before the change. Kinds: learned since the change; the same with random errors of up to
 6 dB; learned with everybody's names swapped; stale (from before the change); from one minute only; with one phone that
 invents its radio (its carrier's error does not count). `worst_loss`: the largest share by which a model that went live
-raised the test error; `good_activated`: the share of candidates more than 5 % better that went live; eight minutes of
+raised the test error; `good_activated`: the share of candidates more than 5 % better that went live; ten minutes of
 four or five people tell changes of a few percent from chance only just.""",
     at_most={"worst_loss": 0.02},
     at_least={"good_activated": 0.8},
