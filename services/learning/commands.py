@@ -9,7 +9,8 @@ import msgspec
 
 from services.learning.activation.bundle import BundleError, Renaming, pack, unpack
 from services.learning.activation.kinds import PERSONAL
-from services.learning.activation.store import Decided, NoSuchModelError, StoredModel
+from services.learning.activation.rows import Decided, StoredModel
+from services.learning.activation.store import NoSuchModelError
 from services.learning.loop import LearningLoop
 from shared.learning_command import LearningAnswer, LearningCommand, ModelLine
 from shared.site import Site

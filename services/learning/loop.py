@@ -20,7 +20,8 @@ import structlog
 from services.learning.activation.gate import Gate, Ruling
 from services.learning.activation.kinds import PERSONAL, kind_of, subject_of
 from services.learning.activation.questions import is_tried, question_of
-from services.learning.activation.store import Decided, ModelStore, StoredModel
+from services.learning.activation.rows import Decided, StoredModel
+from services.learning.activation.store import ModelStore
 from services.learning.area_tracks import AreaTracks
 from services.learning.lesson import Alert, Critic, Lesson, Watching, Weighing
 from services.learning.proposal import Learner, Proposal
@@ -97,7 +98,7 @@ class LearningLoop:
         """
         for model in self.store.all_active():
             self._judge_under(model)  # before what was known is restored: it was known under this model
-        states = self.store.states()
+        states = self.store.states.read()
         for name, part in self._kept().items():
             if name not in states:
                 continue
@@ -178,7 +179,7 @@ class LearningLoop:
     def save(self, now: float) -> None:
         """Save what the learners know."""
         states = {name: msgspec.json.encode(part.state(), enc_hook=_plain) for name, part in self._kept().items()}
-        self.store.save_states(states, now)
+        self.store.states.save(states, now)
         self._saved = now
 
     def _kept(self) -> dict[str, Learner | AreaTracks]:

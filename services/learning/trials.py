@@ -13,7 +13,7 @@ from services.learning.activation.answer import Trial, read_answer
 from services.learning.activation.gate import Gate, Ruling
 from services.learning.activation.kinds import PERSONAL
 from services.learning.activation.questions import held_out
-from services.learning.activation.store import StoredModel
+from services.learning.activation.rows import StoredModel
 from services.learning.proposal import Proposal
 from shared.learning_report import ModelKind
 

@@ -143,11 +143,11 @@ def test_nothing_of_a_phone_stays_once_its_owner_withdrew(site: Site, messages: 
     loop = run.loop
     assert len(traces(loop, "phone-2", (Erased,))) > 5
     loop.save(run.end)
-    assert any(b"phone-2" in state for state in loop.store.states().values())
+    assert any(b"phone-2" in state for state in loop.store.states.read().values())
     loop.take(Erasure(t=run.end, device="phone-2"))
     assert traces(loop, "phone-2", (Erased,)) == []
     loop.look(run.end + 1.0)
-    assert not any(b"phone-2" in state for state in loop.store.states().values())
+    assert not any(b"phone-2" in state for state in loop.store.states.read().values())
     assert b"phone-2" not in encode(loop.report(run.end))
     for message in messages:
         if message.t >= T0 + 90.0 and message.t < T0 + 100.0:

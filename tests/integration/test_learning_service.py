@@ -182,7 +182,7 @@ def test_who_withdraws_leaves_no_model_on_the_bus_and_no_row(
         wait_until(lambda: learner.forgotten, DEADLINE, "the erasure")
         wait_until(lambda: not order(bus, "hall", {"do": "list"}).models, DEADLINE, "no row")
         assert report(bus).history == []
-        wait_until(lambda: service.loop.store.states()["test-stride"] == b"{}", DEADLINE, "nothing saved of it")
+        wait_until(lambda: service.loop.store.states.read()["test-stride"] == b"{}", DEADLINE, "nothing saved of it")
         late = models(bus, KEYS.stride_model("d-1"), StrideModel)
         order(bus, "hall", {"do": "list"})  # what is kept for late joiners would have come meanwhile
         assert late.receive(timeout=0.2) == []

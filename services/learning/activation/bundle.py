@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import msgspec
 
 from services.learning.activation.kinds import PERSONAL, read_model, subject_of
-from services.learning.activation.store import StoredModel
+from services.learning.activation.rows import StoredModel
 from shared.learning_report import ModelKind
 from shared.messages import CameraAlignment, DetectorSettings, Message, MessageError, RadioModelUpdate
 from shared.radio.radio_model import RadioModelError, unpack_radio_model

@@ -6,30 +6,32 @@ starts again, for at every start all active models are published anew.
 
 from __future__ import annotations
 
-import hashlib
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from collections.abc import Sequence
+from typing import Any, Literal
 
 import msgspec
-from sqlalchemy import Engine, delete, func, select
+from sqlalchemy import Engine, delete, select
 from sqlalchemy.orm import Session
 
-from services.learning.activation.kinds import PERSONAL, as_configured, numbered, read_model
-from services.learning.activation.tables import DecisionRow, LearnerRow, ModelRow, SwitchRow
+from services.learning.activation.kinds import PERSONAL, as_configured
+from services.learning.activation.rows import (
+    Decided,
+    StoredModel,
+    active_row,
+    known,
+    let_go,
+    new_row,
+    read_row,
+    rows_of,
+    which,
+    write_decision,
+)
+from services.learning.activation.states import LearnerStates
+from services.learning.activation.tables import DecisionRow, ModelRow, SwitchRow
 from shared.learning_report import Activation, ModelKind
-from shared.messages import Message, MessageError, encode
+from shared.messages import Message
 
-__all__ = ["Decided", "ModelState", "ModelStore", "NoSuchModelError", "StoredModel"]
-
-ModelState = Literal["imported", "active", "superseded", "refused", "rolled back"]
-By = Literal["learning", "operator"]
-KEPT_MODELS = 12
-"""Rows of one kind and subject, besides the active one and the one it replaced …"""
-KEPT_REFUSED = 3
-"""… of them refused ones: large, and of no use but to see why."""
-KEPT_DECISIONS = 2000
+__all__ = ["ModelStore", "NoSuchModelError"]
 
 _decision = msgspec.json.Decoder(Activation)
 
@@ -38,86 +40,32 @@ class NoSuchModelError(LookupError):
     """There is no such model: the text says what there is instead."""
 
 
-@dataclass(frozen=True)
-class StoredModel:
-    """A model as it is stored.
-
-    Attributes:
-        kind: of model.
-        subject: the area, camera or device it is of.
-        area: whose fusion tries it.
-        version: counts per kind and subject, refused ones included.
-        state: what became of it.
-        model: the message, numbered.
-        decided: when it got its state, wall clock, seconds since the epoch.
-        since: the sensors' time then; what is newer was measured under it.
-        replaced: version that was active before; 0: as configured.
-        probation: whether it is still to be held against that one.
-        reason: in plain words.
-        evidence: numbers by name.
-    """
-
-    kind: ModelKind
-    subject: str
-    area: str
-    version: int
-    state: ModelState
-    model: Message
-    decided: float
-    since: float
-    replaced: int
-    probation: bool
-    reason: str
-    evidence: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Decided:
-    """What is written down with a decision.
-
-    Attributes:
-        t: wall clock, seconds since the epoch.
-        since: the sensors' time.
-        reason: in plain words.
-        gain: nats per reading, or as the learner counts; None where nothing was scored.
-        margin: what it had to be.
-        evidence: numbers by name; what is not finite is left out.
-        by: who decided.
-    """
-
-    t: float
-    since: float
-    reason: str
-    gain: float | None = None
-    margin: float | None = None
-    evidence: Mapping[str, float] = field(default_factory=dict)
-    by: By = "learning"
-
-
 class ModelStore:
     """The models of one site. Used by one thread.
 
     Args:
         engine: an open database with learning's tables.
+
+    Attributes:
+        states: what the learners know.
     """
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
-        self._digests: dict[str, bytes] = {}
-        """Of the states that are stored, by name."""
+        self.states = LearnerStates(engine)
 
     # -- what there is ---------------------------------------------------------------------------------------------
 
     def active(self, kind: ModelKind, subject: str) -> StoredModel | None:
         """Return the model that is live; None: as configured."""
         with Session(self._engine) as session:
-            row = _active(session, kind, subject)
-            return None if row is None else _stored(row)
+            row = active_row(session, kind, subject)
+            return None if row is None else read_row(row)
 
     def live_version(self, kind: ModelKind, subject: str) -> int:
         """Return the version that is live, without reading the model; 0: as configured."""
         with Session(self._engine) as session:
-            where = (*_which(kind, subject), ModelRow.state == "active")
+            where = (*which(kind, subject), ModelRow.state == "active")
             return session.scalar(select(ModelRow.version).where(*where)) or 0
 
     def all_active(self) -> list[StoredModel]:
@@ -139,8 +87,8 @@ class ModelStore:
             NoSuchModelError: it is not there, or not any more.
         """
         with Session(self._engine) as session:
-            row = session.scalar(_of(kind, subject).where(ModelRow.version == version))
-            found = None if row is None else _stored(row)
+            row = session.scalar(rows_of(kind, subject).where(ModelRow.version == version))
+            found = None if row is None else read_row(row)
         if found is None:
             raise NoSuchModelError(f"version: found {version}; allowed: {self._versions(kind, subject)}")
         return found
@@ -173,10 +121,10 @@ class ModelStore:
     def refuse(self, model: Message, kind: ModelKind, subject: str, area: str, how: Decided) -> StoredModel:
         """Write down a model that does not go live."""
         with Session(self._engine) as session, session.begin():
-            row = _new_row(session, model, kind, subject, area, "refused", how)
-            _decide(session, row, "refused", how)
-            _let_go(session, kind, subject)
-            return _known(row)
+            row = new_row(session, model, kind, subject, area, "refused", how)
+            write_decision(session, row, "refused", how)
+            let_go(session, kind, subject)
+            return known(row)
 
     def take_in_all(
         self, models: Sequence[tuple[Message, ModelKind, str, str]], how: Sequence[Decided]
@@ -186,20 +134,20 @@ class ModelStore:
             rows = []
             for (model, kind, subject, area), why in zip(models, how, strict=True):
                 # One at a time waits to be tried: the newer takes the place of an older one.
-                waiting = (*_which(kind, subject), ModelRow.state == "imported")
+                waiting = (*which(kind, subject), ModelRow.state == "imported")
                 session.execute(delete(ModelRow).where(*waiting))
-                rows.append(_new_row(session, model, kind, subject, area, "imported", why))
-                _decide(session, rows[-1], "imported", why)
-                _let_go(session, kind, subject)
-            return [_known(row) for row in rows]
+                rows.append(new_row(session, model, kind, subject, area, "imported", why))
+                write_decision(session, rows[-1], "imported", why)
+                let_go(session, kind, subject)
+            return [known(row) for row in rows]
 
     def judged(self, model: StoredModel, how: Decided) -> None:
         """Write down that an imported model was refused by the gate."""
         with Session(self._engine) as session, session.begin():
-            row = session.scalar(_of(model.kind, model.subject).where(ModelRow.version == model.version))
+            row = session.scalar(rows_of(model.kind, model.subject).where(ModelRow.version == model.version))
             if row is not None:
                 row.state, row.reason, row.decided = "refused", how.reason, how.t
-                _decide(session, row, "refused", how)
+                write_decision(session, row, "refused", how)
 
     def promote(self, model: StoredModel, how: Decided) -> StoredModel:
         """Make a model live that is stored already, as a new version."""
@@ -227,7 +175,7 @@ class ModelStore:
     def settle(self, kind: ModelKind, subject: str) -> None:
         """End the probation of the live model: it has stood it."""
         with Session(self._engine) as session, session.begin():
-            row = _active(session, kind, subject)
+            row = active_row(session, kind, subject)
             if row is not None:
                 row.probation = False
 
@@ -258,7 +206,7 @@ class ModelStore:
             back_to: the version it is again; what that one replaced is what it replaces.
         """
         with Session(self._engine) as session, session.begin():
-            before = _active(session, kind, subject)
+            before = active_row(session, kind, subject)
             replaced = 0 if before is None else before.version
             if before is not None:
                 before.state = "superseded" if decision == "activated" else "rolled back"
@@ -266,34 +214,17 @@ class ModelStore:
                 if decision == "rolled back":
                     before.reason = how.reason
             if back_to is not None:
-                again = session.scalar(_of(kind, subject).where(ModelRow.version == back_to))
+                again = session.scalar(rows_of(kind, subject).where(ModelRow.version == back_to))
                 replaced = 0 if again is None else again.replaced
             if origin is not None:
-                session.execute(delete(ModelRow).where(*_which(kind, subject), ModelRow.version == origin))
-            row = _new_row(session, model, kind, subject, area, "active", how)
+                session.execute(delete(ModelRow).where(*which(kind, subject), ModelRow.version == origin))
+            row = new_row(session, model, kind, subject, area, "active", how)
             row.replaced, row.probation = replaced, probation
-            _decide(session, row, decision, how)
-            _let_go(session, kind, subject)
-            return _known(row)
+            write_decision(session, row, decision, how)
+            let_go(session, kind, subject)
+            return known(row)
 
-    # -- what learners know, switches, erasure -----------------------------------------------------------------------
-
-    def save_states(self, states: Mapping[str, bytes], t: float) -> None:
-        """Keep what the learners know, by name, in the place of what was kept; only what changed is written."""
-        digests = {name: hashlib.blake2b(state, digest_size=16).digest() for name, state in states.items()}
-        changed = {name for name, digest in digests.items() if self._digests.get(name) != digest}
-        same = sorted(states.keys() - changed)
-        if not changed and digests.keys() == self._digests.keys():
-            return
-        with Session(self._engine) as session, session.begin():
-            session.execute(delete(LearnerRow).where(LearnerRow.name.not_in(same)))
-            session.add_all(LearnerRow(name=name, saved=t, state=states[name]) for name in sorted(changed))
-        self._digests = digests
-
-    def states(self) -> dict[str, bytes]:
-        """Return what the learners knew when they were saved."""
-        with Session(self._engine) as session:
-            return {row.name: row.state for row in session.scalars(select(LearnerRow))}
+    # -- switch, erasure ---------------------------------------------------------------------------------------------
 
     @property
     def frozen(self) -> bool:
@@ -317,114 +248,12 @@ class ModelStore:
         order = (ModelRow.kind, ModelRow.subject, ModelRow.version.desc())
         with Session(self._engine) as session:
             rows = session.scalars(select(ModelRow).where(*which).order_by(*order)).all()
-            return [model for row in rows if (model := _stored(row)) is not None]
+            return [model for row in rows if (model := read_row(row)) is not None]
 
     def _versions(self, kind: ModelKind, subject: str) -> str:
         with Session(self._engine) as session:
-            rows = session.scalars(_of(kind, subject).order_by(ModelRow.version)).all()
+            rows = session.scalars(rows_of(kind, subject).order_by(ModelRow.version)).all()
             return ", ".join(str(row.version) for row in rows) or f"none, there is no {kind} model of {subject!r}"
 
     def _subjects(self, kind: ModelKind) -> str:
         return ", ".join(sorted({model.subject for model in self.all_active() if model.kind == kind})) or "none now"
-
-
-def _which(kind: ModelKind, subject: str) -> tuple[Any, ...]:
-    return ModelRow.kind == kind, ModelRow.subject == subject
-
-
-def _of(kind: ModelKind, subject: str) -> Any:
-    return select(ModelRow).where(*_which(kind, subject))
-
-
-def _active(session: Session, kind: ModelKind, subject: str) -> ModelRow | None:
-    row: ModelRow | None = session.scalar(_of(kind, subject).where(ModelRow.state == "active"))
-    return row
-
-
-def _new_row(
-    session: Session, model: Message, kind: ModelKind, subject: str, area: str, state: ModelState, how: Decided
-) -> ModelRow:
-    last = session.scalar(select(func.max(ModelRow.version)).where(*_which(kind, subject))) or 0
-    row = ModelRow(
-        kind=kind,
-        subject=subject,
-        area=area,
-        version=last + 1,
-        state=state,
-        payload=encode(numbered(model, last + 1, how.t, how.reason)),
-        decided=how.t,
-        since=how.since,
-        replaced=0,
-        probation=False,
-        reason=how.reason,
-        evidence=msgspec.json.encode(_finite(how.evidence)).decode(),
-    )
-    session.add(row)
-    session.flush()
-    return row
-
-
-def _decide(session: Session, row: ModelRow, decision: Any, how: Decided) -> None:
-    told = Activation(
-        t=how.t,
-        kind=row.kind,  # type: ignore[arg-type]
-        subject=row.subject,
-        version=row.version,
-        decision=decision,
-        reason=how.reason,
-        # Learners' numbers are often NumPy's, which JSON does not know.
-        gain=None if how.gain is None else float(how.gain),
-        margin=None if how.margin is None else float(how.margin),
-        evidence=_finite(how.evidence),
-        by=how.by,
-    )
-    session.add(DecisionRow(kind=row.kind, subject=row.subject, told=msgspec.json.encode(told).decode()))
-    session.flush()
-    newest = session.scalar(select(func.max(DecisionRow.id))) or 0
-    session.execute(delete(DecisionRow).where(DecisionRow.id <= newest - KEPT_DECISIONS))
-
-
-def _let_go(session: Session, kind: ModelKind, subject: str) -> None:
-    """Delete old rows, but never the live one, the one it replaced, or the newest, whose version counts on."""
-    rows = session.scalars(_of(kind, subject).order_by(ModelRow.version.desc())).all()
-    live = next((row for row in rows if row.state == "active"), None)
-    held = {rows[0].version} | (set() if live is None else {live.version, live.replaced})
-    refused = [row for row in rows if row.state == "refused"]
-    old = {row.id for row in rows[KEPT_MODELS:]} | {row.id for row in refused[KEPT_REFUSED:]}
-    for row in rows:
-        if row.id in old and row.version not in held:
-            session.delete(row)
-
-
-def _known(row: ModelRow) -> StoredModel:
-    stored = _stored(row)
-    assert stored is not None  # noqa: S101 (just encoded)
-    return stored
-
-
-def _stored(row: ModelRow) -> StoredModel | None:
-    if row.state not in get_args(ModelState):
-        return None
-    try:
-        model = read_model(row.kind, row.payload)  # type: ignore[arg-type]
-        evidence = msgspec.json.decode(row.evidence, type=dict[str, float])
-    except (MessageError, KeyError, msgspec.DecodeError):
-        return None
-    return StoredModel(
-        kind=row.kind,  # type: ignore[arg-type]
-        subject=row.subject,
-        area=row.area,
-        version=row.version,
-        state=row.state,  # type: ignore[arg-type]
-        model=model,
-        decided=row.decided,
-        since=row.since,
-        replaced=row.replaced,
-        probation=row.probation,
-        reason=row.reason,
-        evidence=evidence,
-    )
-
-
-def _finite(evidence: Mapping[str, float]) -> dict[str, float]:
-    return {name: float(value) for name, value in evidence.items() if math.isfinite(value)}

@@ -8,7 +8,8 @@ from learning_models import radio, walk
 
 from services.learning.activation.database import in_memory
 from services.learning.activation.gate import Gate
-from services.learning.activation.store import Decided, ModelStore
+from services.learning.activation.rows import Decided
+from services.learning.activation.store import ModelStore
 from services.learning.learners import Tools, areas_of, lessons_of
 from services.learning.loop import LearningLoop, _plain
 from services.learning.trials import Inline
@@ -43,7 +44,7 @@ def test_every_learner_is_kept_under_a_name_of_its_own_and_goes_on_after_a_resta
     loop.save(1100.0)
     again = loop_of(site, store, [])
     again.begin()
-    assert store.states() == {
+    assert store.states.read() == {
         name: msgspec.json.encode(part.state(), enc_hook=_plain) for name, part in again._kept().items()
     }
 

@@ -16,7 +16,8 @@ from sqlalchemy.exc import OperationalError
 
 from services.learning.activation.database import in_memory
 from services.learning.activation.gate import Gate
-from services.learning.activation.store import Decided, ModelStore
+from services.learning.activation.rows import Decided
+from services.learning.activation.store import ModelStore
 from services.learning.area_tracks import AreaTracks
 from services.learning.loop import LearningLoop
 from services.learning.proposal import Proposal
@@ -326,8 +327,8 @@ def test_what_learners_know_survives_a_restart_and_a_state_that_is_none_begins_a
     world.loop.save(BEGIN + 200.0)
     again = World(world.engine)
     again.walker.known = {"kept": 1}
-    states = again.loop.store.states()
-    again.loop.store.save_states({**states, "test-stride": b'{"broken":1}'}, 1.0)
+    states = again.loop.store.states.read()
+    again.loop.store.states.save({**states, "test-stride": b'{"broken":1}'}, 1.0)
     again.loop.begin()
     assert again.learner.known == world.learner.known
     assert again.walker.known == {"kept": 1}
@@ -340,14 +341,14 @@ def test_who_withdraws_is_forgotten_everywhere_at_once() -> None:
     world.live_until(BEGIN + 130.0)
     world.walker.proposals = []
     assert {type(one).__name__ for one in world.sent} == {"StrideModel"}
-    assert world.loop.store.states()["test-radio"] != b"{}"
+    assert world.loop.store.states.read()["test-radio"] != b"{}"
     world.loop.take(Erasure(t=0.0, device="d-1"))
     world.sent.clear()
     world.loop.look(BEGIN + 131.0)
     assert world.learner.forgotten == world.walker.forgotten == ["d-1"]
     assert world.loop.store.models() == []
     assert world.loop.store.history() == []
-    assert set(world.loop.store.states().values()) == {b"{}"}
+    assert set(world.loop.store.states.read().values()) == {b"{}"}
     scan = RadioScan(t=BEGIN + 131.0, device="d-1", seq=1, access_point=["ap-1"], rssi=[-50.0])
     world.loop.take(scan)
     world.live_until(BEGIN + 200.0, BEGIN + 131.0)  # frames still under way name it
@@ -517,7 +518,7 @@ def test_numbers_of_numpy_in_a_state_are_saved_like_any_other() -> None:
     world = World()
     world.learner.known = {"rate": np.float64(0.5), "row": np.arange(2)}
     world.loop.save(BEGIN)
-    assert world.loop.store.states()["test-radio"] == b'{"rate":0.5,"row":[0,1]}'
+    assert world.loop.store.states.read()["test-radio"] == b'{"rate":0.5,"row":[0,1]}'
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,8 @@ from learning_models import TestLearner, area, lesson, power_of, radio, stride
 from services.learning.activation.bundle import BundleError, Renaming, pack, unpack
 from services.learning.activation.database import in_memory
 from services.learning.activation.gate import Gate
-from services.learning.activation.store import Decided, ModelStore
+from services.learning.activation.rows import Decided
+from services.learning.activation.store import ModelStore
 from services.learning.commands import Commands
 from services.learning.loop import LearningLoop
 from shared.learning_command import LearningAnswer

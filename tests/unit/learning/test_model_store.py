@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 from services.cli.main import app
 from services.gateway.devices.database import schema_problem as gateway_problem
 from services.learning.activation.database import SCHEMA, in_memory, migrate, open_learning
-from services.learning.activation.store import KEPT_MODELS, Decided, ModelStore, NoSuchModelError
+from services.learning.activation.rows import KEPT_MODELS, Decided
+from services.learning.activation.store import ModelStore, NoSuchModelError
 from services.learning.activation.tables import Base, LearnerRow, ModelRow
 from shared.messages import RadioModelUpdate, StrideModel
 from shared.runner import ServiceError
@@ -139,28 +140,45 @@ def test_a_decision_that_fails_half_way_leaves_nothing(engine: Engine, store: Mo
 
 def test_a_restart_finds_models_decisions_states_and_the_switch(engine: Engine, store: ModelStore) -> None:
     activate(store, -40.0)
-    store.save_states({"radio/hall": b'{"n":1}'}, 5.0)
-    store.save_states({"radio/hall": b'{"n":2}'}, 6.0)
+    store.states.save({"radio/hall": b'{"n":1}'}, 5.0)
+    store.states.save({"radio/hall": b'{"n":2}'}, 6.0)
     store.freeze(True)
     again = ModelStore(open_learning(engine.url.render_as_string()))
     assert [power_of(one.model) for one in again.all_active()] == [-40.0]
-    assert again.states() == {"radio/hall": b'{"n":2}'}
+    assert again.states.read() == {"radio/hall": b'{"n":2}'}
     assert again.frozen
     again.freeze(False)
     assert not store.frozen
 
 
 def test_only_states_that_changed_are_written_and_what_is_kept_no_more_goes(engine: Engine, store: ModelStore) -> None:
-    store.save_states({"a": b"1", "b": b"1", "c": b"1"}, 5.0)
-    store.save_states({"a": b"1", "b": b"2"}, 6.0)
+    store.states.save({"a": b"1", "b": b"1", "c": b"1"}, 5.0)
+    store.states.save({"a": b"1", "b": b"2"}, 6.0)
     with Session(engine) as session:
         assert {row.name: (row.saved, row.state) for row in session.query(LearnerRow)} == {
             "a": (5.0, b"1"),
             "b": (6.0, b"2"),
         }
     again = ModelStore(engine)
-    again.save_states({"a": b"1"}, 7.0)
-    assert again.states() == {"a": b"1"}
+    again.states.save({"a": b"1"}, 7.0)
+    assert again.states.read() == {"a": b"1"}
+
+
+def test_a_state_that_cannot_be_told_now_stays_as_it_is_until_it_is_given_up(store: ModelStore) -> None:
+    store.states.save({"a": b"1", "b": b"1"}, 5.0)
+    store.states.save({"a": b"2"}, 6.0, untouched=["b", "c"])
+    assert store.states.read() == {"a": b"2", "b": b"1"}
+    store.states.save({"a": b"2"}, 7.0)
+    assert store.states.read() == {"a": b"2"}
+
+
+def test_a_state_of_before_a_restart_goes_once_it_is_given_up(engine: Engine, store: ModelStore) -> None:
+    store.states.save({"a": b"1", "b": b"1"}, 5.0)
+    again = ModelStore(engine)
+    again.states.save({"a": b"1"}, 6.0, untouched=["b"])
+    assert again.states.read() == {"a": b"1", "b": b"1"}
+    again.states.save({"a": b"1"}, 7.0)
+    assert again.states.read() == {"a": b"1"}
 
 
 def test_the_live_version_is_told_without_its_model(store: ModelStore) -> None:
