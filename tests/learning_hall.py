@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 from fusion_world import frame
+from learning_models import area_judged_by
 from numpy.typing import NDArray
 from radio_stretches import hall_of
 
@@ -23,10 +24,9 @@ from services.fusion.tracker import Chunk
 from services.learning.activation.database import in_memory
 from services.learning.activation.gate import Gate
 from services.learning.activation.store import ModelStore
-from services.learning.area_tracks import AreaTracks, Judge
+from services.learning.area_tracks import Judge
 from services.learning.learners import Tools, areas_of, lessons_of
 from services.learning.loop import LearningLoop
-from services.learning.tracks.assembler import StretchAssembler
 from services.learning.trials import Inline, Pace
 from shared.messages import DetectionFrame, Message, MotionBatch, RadioScan, TrackFrame
 from shared.site import Site
@@ -202,7 +202,7 @@ def learn(
     areas = areas_of(site, ["hall"])
     if judge is not None:
         points = [point.id for point in site.access_points if point.floor == "ground"]
-        areas = {"hall": AreaTracks("hall", ["west", "east"], StretchAssembler(points), judge)}
+        areas = {"hall": area_judged_by(judge, points=points, cameras=["west", "east"])}
     store, pace = ModelStore(in_memory()), Pace(propose=30.0, held_out=HELD_OUT)
     loop = LearningLoop(areas, lessons_of(site, ["hall"], tools), Gate(), store, ask, live.append, pace)
     loop.begin()

@@ -1,11 +1,12 @@
 """Models, learners and an area that tests of learning share."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from services.learning.area_tracks import AreaTracks
+from services.learning.area_tracks import AreaTracks, Judge
 from services.learning.lesson import Lesson
 from services.learning.proposal import Proposal
 from services.learning.tracks.assembler import StretchAssembler
@@ -92,11 +93,20 @@ class TestLearner:
 
 def area(name: str = "hall", good: bool = True) -> AreaTracks:
     verdict = Verdict(1.0, 0.1, good, "" if good else "not sure")
-    return AreaTracks(name, ["door"], StretchAssembler(POINTS), lambda stretch: verdict)
+    return area_judged_by(lambda stretch: verdict, name)
+
+
+def area_judged_by(
+    judge: Judge, name: str = "hall", points: Sequence[str] = POINTS, cameras: Sequence[str] = ("door",)
+) -> AreaTracks:
+    """Return an area that keeps its judge when it is made anew."""
+    anew = partial(area_judged_by, judge, name, points, cameras)
+    return AreaTracks(name, cameras, StretchAssembler(points), judge, None, anew)
 
 
 def lesson(learner: TestLearner, *areas: str) -> Lesson:
-    return Lesson(f"test-{learner.kind}", learner, frozenset(areas or ("hall",)))
+    """Return a learner in its place; made anew it is another one."""
+    return Lesson(f"test-{learner.kind}", learner, frozenset(areas or ("hall",)), lambda: type(learner)(learner.kind))
 
 
 def walk(seconds: float, begin: float = 0.0, device: str = "d-1", place: str = "hall") -> list[TrackFrame]:

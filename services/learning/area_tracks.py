@@ -75,6 +75,7 @@ class AreaTracks:
         assembler: makes stretches.
         judge: says whether one may teach.
         sight: scores tracks by detections; None: nobody asks for it.
+        anew: makes it as it was before any message came.
     """
 
     def __init__(
@@ -83,9 +84,11 @@ class AreaTracks:
         cameras: Collection[str],
         assembler: StretchAssembler,
         judge: Judge,
-        sight: Sight | None = None,
+        sight: Sight | None,
+        anew: Callable[[], AreaTracks],
     ) -> None:
         self.area = area
+        self.anew = anew
         self.t = -math.inf
         """Of the newest frame: the sensors' time."""
         self.taught = -math.inf

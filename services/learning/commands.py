@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
 
 import msgspec
 
@@ -15,18 +14,9 @@ from services.learning.loop import LearningLoop
 from shared.learning_command import LearningAnswer, LearningCommand, ModelLine
 from shared.site import Site
 
-__all__ = ["Commands", "MapKeeping"]
+__all__ = ["Commands"]
 
 _decoder = msgspec.json.Decoder(LearningCommand)
-
-
-@runtime_checkable
-class MapKeeping(Protocol):
-    """A learner that keeps maps of an area; none has to."""
-
-    def map(self, command: LearningCommand) -> LearningAnswer | None:
-        """Answer an order for a map of this learner's; None where it is for another one."""
-        ...
 
 
 class _RefusedError(ValueError):
@@ -105,7 +95,7 @@ class Commands:
         who = f" ({command.by})" if command.by else ""
         try:
             if command.do == "rollback":
-                model = self._loop.roll_back(command.kind, command.subject, now, f"ordered by hand{who}")
+                model = self._loop.decisions.roll_back(command.kind, command.subject, now, f"ordered by hand{who}")
                 words = f"{command.kind} of {command.subject} is back at what it was, now version {model.version}"
             else:
                 model = self._by_hand(command, now, who)
@@ -121,7 +111,7 @@ class Commands:
         stored = self._loop.store.get(command.kind, command.subject, command.version)
         if stored.state == "active":
             raise _RefusedError(f"version: {stored.version} is live already; allowed: another one", "version")
-        return self._loop.put_live(stored, now, f"activated by hand, untried{who}")
+        return self._loop.decisions.put_live(stored, now, f"activated by hand, untried{who}")
 
     def _import(self, command: LearningCommand, now: float) -> LearningAnswer:
         names = Renaming(command.as_site, command.areas, command.cameras)
@@ -140,7 +130,7 @@ class Commands:
         )
         if command.force:
             for model in taken:
-                self._loop.put_live(model, now, f"{model.reason}; activated by hand, untried")
+                self._loop.decisions.put_live(model, now, f"{model.reason}; activated by hand, untried")
         fate = "live now, untried" if command.force else "live once they win against what is (`atrium models list`)"
         told = ", ".join(f"{model.kind} of {model.subject}" for model in taken)
         without = everything - len(incoming)
@@ -148,13 +138,11 @@ class Commands:
         return LearningAnswer(done=True, words=f"{len(taken)} models taken in, {fate}: {told}{left}")
 
     def _map(self, command: LearningCommand) -> LearningAnswer:
-        known = list(self._loop.areas)
+        known = list(self._loop.lessons.areas)
         if command.area not in known:
             words = f"area: found {command.area!r}; allowed: {', '.join(known)}"
             raise _RefusedError(words, "area", unknown=command.area is not None)
-        for lesson in self._loop.lessons:
-            if isinstance(lesson.learner, MapKeeping) and command.area in lesson.areas:
-                answer = lesson.learner.map(command)
-                if answer is not None:
-                    return answer
+        answer = self._loop.lessons.map(command)
+        if answer is not None:
+            return answer
         return LearningAnswer(done=True, words="no such map is learned here yet")

@@ -15,6 +15,7 @@ from services.learning.cameras.alignment import AlignmentLessons
 from services.learning.cameras.detector_lessons import DetectorLessons
 from services.learning.lesson import Lesson
 from services.learning.maps.maps_learner import MapsLearner
+from services.learning.proposal import Learner
 from services.learning.radio.lessons import RadioLessons
 from services.learning.tracks.assembler import StretchAssembler
 from services.learning.walking.clock_lessons import ClockLessons
@@ -51,8 +52,8 @@ def lessons_of(site: Site, areas: Sequence[str], tools: Tools) -> list[Lesson]:
     """Return all learners, each in its place; phones' own are learned in all areas by one learner."""
     everywhere = frozenset(areas)
     lessons = [
-        Lesson("stride", StrideLessons(areas[0]), everywhere),
-        Lesson("heading", HeadingLessons(areas[0]), everywhere),
+        _lesson("stride", everywhere, lambda: StrideLessons(areas[0])),
+        _lesson("heading", everywhere, lambda: HeadingLessons(areas[0])),
     ]
     for area in areas:
         lessons += _lessons_of_area(site, area, tools)
@@ -65,18 +66,26 @@ def _lessons_of_area(site: Site, area: str, tools: Tools) -> list[Lesson]:
     names = [camera.id for camera in cameras]
     walkable = site.floor(site.area(area).floor).plan().walkable
     hangs = {camera.id: np.asarray(camera.geometry.build().position) for camera in cameras}
-    detector = DetectorLessons(area, names, tools.redetect, tools.rescore, tools.executor, tools.wait)
+    asked = tools.redetect, tools.rescore, tools.executor, tools.wait
     return [
-        Lesson(f"radio/{area}", RadioLessons(site, area), here),
-        Lesson(f"detector/{area}", detector, here),
-        Lesson(f"alignment/{area}", AlignmentLessons(area, walkable, hangs), here),
-        Lesson(f"clocks/{area}", ClockLessons(area, names), here),
-        Lesson(f"maps/{area}", MapsLearner(site, area), here),
+        _lesson(f"radio/{area}", here, lambda: RadioLessons(site, area)),
+        _lesson(f"detector/{area}", here, lambda: DetectorLessons(area, names, *asked)),
+        _lesson(f"alignment/{area}", here, lambda: AlignmentLessons(area, walkable, hangs)),
+        _lesson(f"clocks/{area}", here, lambda: ClockLessons(area, names)),
+        _lesson(f"maps/{area}", here, lambda: MapsLearner(site, area)),
     ]
+
+
+def _lesson(name: str, areas: frozenset[str], make: Callable[[], Learner]) -> Lesson:
+    return Lesson(name, make(), areas, make)
 
 
 def _tracks_of(site: Site, area: str) -> AreaTracks:
     floor = site.area(area).floor
     points = [point.id for point in site.access_points if point.floor == floor]
     cameras = [camera.id for camera in site.cameras_of(area)]
-    return AreaTracks(area, cameras, StretchAssembler(points), AreaJudge(site, area), AreaSight(site, area))
+
+    def make() -> AreaTracks:
+        return AreaTracks(area, cameras, StretchAssembler(points), AreaJudge(site, area), AreaSight(site, area), make)
+
+    return make()

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from services.learning.proposal import Learner, Proposal
 from services.learning.tracks.stretch import Stretch
+from shared.learning_command import LearningAnswer, LearningCommand
 from shared.messages import Message
 
-__all__ = ["Alert", "Critic", "Lesson", "Watching", "Weighing"]
+__all__ = ["Alert", "Critic", "Lesson", "MapKeeping", "Watching", "Weighing"]
 
 
 @dataclass(frozen=True)
@@ -21,11 +22,13 @@ class Lesson:
         name: under which its state is kept; no other lesson has it.
         learner: a pure state machine.
         areas: ids of the areas whose good stretches teach it; a phone's stride is learned in all of them.
+        anew: makes the learner as it was before it learned anything.
     """
 
     name: str
     learner: Learner
     areas: frozenset[str]
+    anew: Callable[[], Learner]
 
 
 @runtime_checkable
@@ -64,4 +67,13 @@ class Critic(Protocol):
 
         None: too little has come, or nothing can be told.
         """
+        ...
+
+
+@runtime_checkable
+class MapKeeping(Protocol):
+    """A learner that keeps maps of an area; none has to."""
+
+    def map(self, command: LearningCommand) -> LearningAnswer | None:
+        """Answer an order for a map of this learner's; None where it is for another one."""
         ...

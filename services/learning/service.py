@@ -20,6 +20,7 @@ from services.learning.activation.kinds import PERSONAL, kind_of, subject_of
 from services.learning.activation.store import ModelStore
 from services.learning.cameras.detector_lessons import NO_PICTURES
 from services.learning.commands import Commands
+from services.learning.faults import REST
 from services.learning.learners import Tools, areas_of, lessons_of
 from services.learning.loop import LearningLoop
 from services.learning.settings import LearningSettings
@@ -88,6 +89,8 @@ class LearningService(Service[LearningSettings]):
         self._publishers: OrderedDict[str, Publisher[Message]] = OrderedDict()
         self._questions: queue.SimpleQueue[tuple[Question, bool]] = queue.SimpleQueue()
         """With whether it is an order; else the report is asked for."""
+        self._failed: set[str] = set()
+        """Lessons whose failure the health page tells."""
         self._began = time.monotonic()
         self._inbox = bus.inbox(capacity=20_000)
 
@@ -174,6 +177,10 @@ class LearningService(Service[LearningSettings]):
         except SQLAlchemyError as error:
             words = f"not done: {unreachable(self._engine, error)}"
             question.answer(msgspec.json.encode({"done": False, "words": words}))
+        except Exception as error:  # whoever asks again and again must not end learning again and again
+            log.error("a question could not be answered", exc_info=error)
+            words = f"not done: learning failed ({type(error).__name__}); its log says more"
+            question.answer(msgspec.json.encode({"done": False, "words": words}))
 
     def _rescore(self, area: str, question: bytes) -> Mapping[str, Any]:
         """Ask fusion of an area, which tries one candidate at a time; called in threads of their own, in turns."""
@@ -224,3 +231,11 @@ class LearningService(Service[LearningSettings]):
                 self.health.well(topic)
             if area.taught > 0.0:
                 TRYING.labels(name).set(area.t - area.taught)
+        troubles = self.loop.troubles()
+        for lesson, (areas, words) in troubles.items():
+            where = f"area{'s' * (len(areas) > 1)} {', '.join(sorted(areas))}"
+            again = f"this is tried again after {REST / 60.0:.0f} minutes, all else goes on; the log says more"
+            self.health.degraded(f"lesson {lesson}", f"{where}: {words}; {again}")
+        for lesson in self._failed - troubles.keys():
+            self.health.well(f"lesson {lesson}")
+        self._failed = set(troubles)

@@ -9,14 +9,13 @@ from typing import Any
 
 import msgspec
 import pytest
-from learning_models import TestLearner, power_of, radio, stride, walk
+from learning_models import TestLearner, lesson, power_of, radio, stride, walk
 from typer.testing import CliRunner
 from waiting import wait_until
 
 from services.cli.main import app
 from services.cli.models import ModelsError, order
 from services.learning import service as module
-from services.learning.lesson import Lesson
 from services.learning.proposal import Proposal
 from services.learning.service import LearningService
 from services.learning.settings import LearningSettings
@@ -68,7 +67,7 @@ def running(
         **changes,
     )
     with pytest.MonkeyPatch.context() as patch, Bus([endpoint]) as bus:
-        lessons = [Lesson(f"test-{learner.kind}", learner, frozenset({"hall"}))]
+        lessons = [lesson(learner)]
         patch.setattr(module, "lessons_of", lambda *_: lessons)
         patch.setattr(module, "TURN", 0.05)
         health = Health.__new__(Health)  # a second one in one process would register its gauge twice

@@ -11,7 +11,8 @@ from services.learning.activation.gate import Gate
 from services.learning.activation.rows import Decided
 from services.learning.activation.store import ModelStore
 from services.learning.learners import Tools, areas_of, lessons_of
-from services.learning.loop import LearningLoop, _plain
+from services.learning.lessons import _plain
+from services.learning.loop import LearningLoop
 from services.learning.trials import Inline
 from shared.erased import Erased
 from shared.messages import CameraStatus, Message, RadioModelUpdate
@@ -45,7 +46,7 @@ def test_every_learner_is_kept_under_a_name_of_its_own_and_goes_on_after_a_resta
     again = loop_of(site, store, [])
     again.begin()
     assert store.states.read() == {
-        name: msgspec.json.encode(part.state(), enc_hook=_plain) for name, part in again._kept().items()
+        name: msgspec.json.encode(part.state(), enc_hook=_plain) for name, part in again.lessons._parts()
     }
 
 
@@ -57,7 +58,7 @@ def test_stretches_are_judged_under_the_model_that_is_live(site: Site) -> None:
     loop.begin()
     judge = loop.areas["hall"]._judge
     assert judge._radio.power_1m.tolist() == [-33.0] * 6  # type: ignore[attr-defined]
-    loop.roll_back("radio", "hall", 2.0, "by hand")
+    loop.decisions.roll_back("radio", "hall", 2.0, "by hand")
     assert judge._radio is judge._filed  # type: ignore[attr-defined]
     assert [one.version for one in sent if isinstance(one, RadioModelUpdate)] == [1, 2]
 
@@ -69,8 +70,7 @@ def test_the_report_tells_why_stretches_do_not_teach(site: Site) -> None:
     for frame in walk(30.0, 1040.0, device="d-2"):
         area.take(frame, Erased())
     assert area.close() == []
-    loop = loop_of(site, ModelStore(in_memory()), [])
-    loop.areas = {"hall": area}
+    loop = LearningLoop({"hall": area}, [], Gate(), ModelStore(in_memory()), NOBODY.rescore, lambda _: None)
     told = loop.report(2000.0).areas[0].tracks
     assert told.good == 0
     assert sum(told.refused.values()) >= 1

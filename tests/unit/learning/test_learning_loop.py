@@ -1,7 +1,7 @@
 """The loop without bus and clock: messages in, decisions out, the same each time."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from learning_models import POINTS, TestLearner, area, lesson, power_of, radio, stride, walk
+from learning_models import TestLearner, area, area_judged_by, lesson, power_of, radio, stride, walk
 from sqlalchemy import Engine
 from sqlalchemy.exc import OperationalError
 
@@ -19,11 +19,11 @@ from services.learning.activation.gate import Gate
 from services.learning.activation.rows import Decided
 from services.learning.activation.store import ModelStore
 from services.learning.area_tracks import AreaTracks
+from services.learning.lesson import Lesson
 from services.learning.loop import LearningLoop
 from services.learning.proposal import Proposal
 from services.learning.report_draft import ReportDraft
 from services.learning.settings import LearningSettings
-from services.learning.tracks.assembler import StretchAssembler
 from services.learning.tracks.stretch import Stretch
 from services.learning.tracks.verdict import Verdict
 from services.learning.trials import Candidate, Inline, Pace, Trials
@@ -38,15 +38,22 @@ BEFORE = BEGIN - 100.0
 class World:
     """A loop with a fusion that answers as it is told, and everything it sends."""
 
-    def __init__(self, engine: Engine | None = None, executor: Executor | None = None, **options: Any) -> None:
+    def __init__(
+        self,
+        engine: Engine | None = None,
+        executor: Executor | None = None,
+        tracks: AreaTracks | None = None,
+        lessons: Sequence[Lesson] = (),
+        **options: Any,
+    ) -> None:
         self.gain, self.gain_of_configured = 0.1, -0.1
         self.asked: list[tuple[str, dict[str, Any]]] = []
         self.sent: list[Message] = []
         self.learner, self.walker = TestLearner(), TestLearner("stride")
         self.engine = engine or in_memory()
         self.loop = LearningLoop(
-            {"hall": area()},
-            [lesson(self.learner), lesson(self.walker)],
+            {"hall": tracks or area()},
+            [lesson(self.learner), lesson(self.walker), *lessons],
             Gate(),
             ModelStore(self.engine),
             self.answer,
@@ -158,12 +165,12 @@ def test_of_two_candidates_the_second_waits_its_turn_until_a_newer_one_or_an_era
     world.walker.proposals = [asked, Proposal("stride", "d-2", "hall", stride("d-2"), BEFORE, b'{"kind":"stride"}')]
     world.live_until(BEGIN + 10.0)
     world.learner.proposals, world.walker.proposals = [], []
-    assert list(world.loop._untried) == [("stride", "d-1"), ("stride", "d-2")]
+    assert world.loop._untried.keys() == [("stride", "d-1"), ("stride", "d-2")]
     world.loop.take(Erasure(t=0.0, device="d-1"))
-    assert list(world.loop._untried) == [("stride", "d-2")]
+    assert world.loop._untried.keys() == [("stride", "d-2")]
     stored = world.loop.store.refuse(stride("d-2"), "stride", "d-2", "hall", Decided(BEGIN, BEGIN, ""))
-    world.loop.put_live(stored, BEGIN + 10.0, "by hand")
-    assert not world.loop._untried, "it was to be better than what is live no more"
+    world.loop.decisions.put_live(stored, BEGIN + 10.0, "by hand")
+    assert not world.loop._untried.keys(), "it was to be better than what is live no more"
 
 
 def test_who_withdraws_while_the_database_is_away_is_forgotten_there_as_soon_as_it_is_back() -> None:
@@ -311,7 +318,7 @@ def test_killed_between_decision_and_publication_the_model_is_published_at_the_n
     def fail(_: Message) -> None:
         raise ConnectionError("the bus is gone")
 
-    world.loop._publish = fail
+    world.loop.decisions._publish = fail
     with pytest.raises(ConnectionError):
         world.live_until(BEGIN + 60.0)
     again = World(world.engine)
@@ -397,7 +404,7 @@ def test_one_candidate_at_a_time_and_an_answer_about_what_is_no_longer_live_is_v
     assert len(slow.waiting) == 1
     assert world.loop.words("hall") == "a candidate is being tried: radio"
     stored = world.loop.store.refuse(radio(power=-39.0), "radio", "hall", "hall", Decided(BEGIN, BEGIN, ""))
-    world.loop.put_live(stored, BEGIN + 60.0, "by hand")
+    world.loop.decisions.put_live(stored, BEGIN + 60.0, "by hand")
     slow.answer()
     world.loop.look(BEGIN + 61.0)
     assert world.powers() == [-39.0]
@@ -475,8 +482,7 @@ def test_a_judge_that_keeps_something_is_restored_and_forgets_too() -> None:
     judges = []
     for _ in range(2):
         judge = Strict()
-        world = World(engine)
-        world.loop.areas = {"hall": AreaTracks("hall", ["door"], StretchAssembler(POINTS), judge)}
+        world = World(engine, tracks=area_judged_by(judge))
         world.loop.begin()
         judges.append(dict(judge.seen))
         world.live_until(BEGIN + 100.0)
@@ -492,7 +498,7 @@ class Wary(TestLearner):
     """Wants what is in doubt too."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__("alignment")
         self.doubted: list[Stretch] = []
 
     def learn_doubtful(self, stretch: Stretch) -> None:
@@ -501,13 +507,12 @@ class Wary(TestLearner):
 
 @pytest.mark.parametrize("doubtful", [False, True])
 def test_what_is_in_doubt_is_told_to_who_asks_for_it_only(doubtful: bool) -> None:
-    world, wary = World(), Wary()
-    world.loop.lessons = [lesson(world.learner), lesson(wary)]
 
     def judge(_: Stretch) -> Verdict:
         return Verdict(1.0, 0.1, False, "too short", doubtful)
 
-    world.loop.areas = {"hall": AreaTracks("hall", ["door"], StretchAssembler(POINTS), judge)}
+    wary = Wary()
+    world = World(tracks=area_judged_by(judge), lessons=[lesson(wary)])
     world.live_until(BEGIN + 100.0)
     assert bool(wary.doubted) == doubtful
     assert wary.learned == world.learner.learned == []

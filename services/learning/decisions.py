@@ -1,0 +1,143 @@
+"""What is decided of a model: it is stored first, and then told to all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import structlog
+
+from services.learning.activation.gate import Ruling
+from services.learning.activation.kinds import PERSONAL
+from services.learning.activation.rows import Decided, StoredModel
+from services.learning.activation.store import ModelStore
+from services.learning.lessons import Lessons
+from services.learning.trials import Candidate, Pace, Trials, key_of
+from services.learning.untried import Untried
+from shared.learning_report import ModelKind
+from shared.messages import Message
+
+__all__ = ["Decisions"]
+
+log = structlog.get_logger(__name__)
+
+
+class Decisions:
+    """Activates, refuses and takes back.
+
+    Args:
+        store: models and what became of them.
+        lessons: are told what goes live.
+        trials: leaves subjects alone for a while.
+        untried: proposals that were made to be better than what was live.
+        publish: sends a model to all; called after it was stored.
+        pace: how long subjects are left alone.
+        sensor_time: of an area: the newest its sensors told, or else the clock it is given.
+        activate: whether anything goes live by itself.
+    """
+
+    def __init__(
+        self,
+        store: ModelStore,
+        lessons: Lessons,
+        trials: Trials,
+        untried: Untried,
+        publish: Callable[[Message], None],
+        pace: Pace,
+        sensor_time: Callable[[str, float], float],
+        *,
+        activate: bool,
+    ) -> None:
+        self._store = store
+        self._lessons = lessons
+        self._trials = trials
+        self._untried = untried
+        self._publish = publish
+        self._pace = pace
+        self._sensor_time = sensor_time
+        self._activate = activate
+        self._to_publish: list[StoredModel] = []
+        """Phones' models that were live before the start."""
+
+    def resume(self) -> None:
+        """Publish what was live before the start, and leave alone what was decided on lately.
+
+        Phones' models wait for ``publish_phones``.
+        """
+        for model in self._store.all_active():
+            self._go_live(model, publish=model.kind not in PERSONAL)
+            if model.kind in PERSONAL:
+                self._to_publish.append(model)
+        for said in reversed(self._store.history()):
+            back = said.decision == "rolled back"
+            pause = self._pace.after_roll_back if back else self._pace.after_refusal
+            self._trials.wait((said.kind, said.subject), said.t + pause)
+
+    def publish_phones(self) -> None:
+        """Publish phones' models of before the start that are still live: it is known by now who withdrew meanwhile."""
+        while self._to_publish:
+            model = self._to_publish.pop()
+            if self._store.live_version(model.kind, model.subject) == model.version:
+                self._publish(model.model)
+
+    def rule(self, candidate: Candidate, ruling: Ruling, now: float) -> None:
+        """Do with a candidate what the gate says, as far as anything may go live."""
+        proposal, reason = candidate.proposal, ruling.reason
+        wins = ruling.outcome == "activate"
+        allowed = self._activate and not self._store.frozen
+        if wins and not allowed:
+            reason = f"would go live ({reason}), but activation is switched off"
+        how = Decided(
+            t=now,
+            since=self._sensor_time(proposal.area, now),
+            reason=f"{proposal.reason}: {reason}" if proposal.reason else reason,
+            gain=ruling.gain,
+            margin=ruling.margin,
+            evidence={**proposal.evidence, **ruling.evidence},
+        )
+        self._trials.wait(key_of(proposal), now + self._pace.after_refusal)
+        where = (proposal.model, *key_of(proposal), proposal.area)
+        stored = candidate.stored
+        if wins and allowed:
+            model = self._store.activate(*where, how) if stored is None else self._store.promote(stored, how)
+            log.info("a model goes live", kind=model.kind, subject=model.subject, version=model.version, reason=reason)
+            self._go_live(model)
+        elif stored is None:
+            self._store.refuse(*where, how)
+        else:
+            self._store.judged(stored, how)
+
+    def roll_back(
+        self, kind: ModelKind, subject: str, now: float, reason: str, ruling: Ruling | None = None
+    ) -> StoredModel:
+        """Return to the model before the live one; ``ruling`` None: because an operator says so.
+
+        Raises:
+            NoSuchModelError: nothing is live but what is configured.
+        """
+        live = self._store.active(kind, subject)
+        how = Decided(
+            t=now,
+            since=now if live is None else self._sensor_time(live.area, now),
+            reason=reason,
+            gain=None if ruling is None else ruling.gain,
+            margin=None if ruling is None else ruling.margin,
+            by="operator" if ruling is None else "learning",
+        )
+        model = self._store.roll_back(kind, subject, how)
+        log.warning("a model goes back", kind=kind, subject=subject, version=model.version, reason=reason)
+        self._trials.wait((kind, subject), now + self._pace.after_roll_back)
+        self._go_live(model)
+        return model
+
+    def put_live(self, model: StoredModel, now: float, reason: str) -> StoredModel:
+        """Make a stored model live because an operator says so."""
+        how = Decided(t=now, since=self._sensor_time(model.area, now), reason=reason, by="operator")
+        live = self._store.promote(model, how)
+        self._go_live(live)
+        return live
+
+    def _go_live(self, model: StoredModel, *, publish: bool = True) -> None:
+        self._untried.drop((model.kind, model.subject))  # it was made to be better than the one before
+        if publish:
+            self._publish(model.model)
+        self._lessons.activated(model)
