@@ -1,15 +1,23 @@
 """Learning on a real router with a database: a candidate wins, goes live, is kept, goes back when told to."""
 
+import dataclasses
+import itertools
 import json
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import msgspec
+import numpy as np
 import pytest
+from fusion_world import frame
+from health_page import metric
 from learning_models import TestLearner, lesson, power_of, radio, stride, walk
+from service_process import process
 from typer.testing import CliRunner
 from waiting import wait_until
 
@@ -17,12 +25,13 @@ from services.cli.main import app
 from services.cli.models import ModelsError, order
 from services.learning import service as module
 from services.learning.proposal import Proposal
+from services.learning.report_draft import ReportDraft
 from services.learning.service import LearningService
 from services.learning.settings import LearningSettings
 from shared.bus import Bus, Inbox, Question
 from shared.keys import Keys
 from shared.learning_report import LearningReport
-from shared.messages import Erasure, Message, RadioModelUpdate, StrideModel, TrackFrame
+from shared.messages import DetectionFrame, Erasure, Message, RadioModelUpdate, StrideModel, TrackFrame
 from shared.runner import Health
 from shared.settings import SettingsError
 from shared.site import Site, load_site
@@ -134,6 +143,42 @@ def test_a_candidate_that_wins_is_published_kept_for_late_joiners_and_taken_back
             assert again == back, "what is live is published again at every start"
 
 
+def test_a_radio_model_reaches_a_running_fusion_and_a_roll_back_by_the_command_line_takes_it_back(
+    site: Site, project: Path, tmp_path: Path, zenoh_router: str
+) -> None:
+    learner = TestLearner()
+    won = proposed(-41.0)
+    learner.proposals = [dataclasses.replace(won, gain=1.0, margin=0.1)]  # what fusion tries is not asked here
+    fusion = process("services.fusion", tmp_path, zenoh_router, project / SITE, ATRIUM_AREA="hall")
+    with Bus([zenoh_router]) as bus, fusion as health:
+        camera = bus.publisher(KEYS.detections("hall-east"), DetectionFrame)
+        number, begin = itertools.count(), time.time()
+        port = urlsplit(health).port
+        assert port is not None
+
+        def uses(version: int) -> bool:
+            seen = next(number)
+            camera.publish(frame(begin + seen / 10.0, [(10.0 + 0.05 * (seen % 50), 6.0)], "hall-east", seen))
+            return metric(port, "atrium_fusion_radio_version") == version
+
+        def live() -> Any:
+            ((_, state),) = bus.ask(KEYS.fusion_state("hall"))
+            return json.loads(state)["model"]
+
+        wait_until(lambda: uses(0), DEADLINE, "fusion to run as configured")
+        with running(site, project, tmp_path, zenoh_router, learner) as service:
+            wait_until(lambda: uses(1), DEADLINE, "fusion to adopt the model")
+            assert live()["model"]["power_1m"] == [-41.0] * 6
+            learner.proposals = []
+            done = CliRunner().invoke(
+                app, ["models", "rollback", "radio", "hall", "--site", "hall", "--bus", zenoh_router]
+            )
+            assert "is back at what it was, now version 2" in " ".join(done.output.split())
+            wait_until(lambda: uses(2), DEADLINE, "fusion to go back")
+            assert (live()["version"], live()["model"]) == (2, None)
+            assert [one.decision for one in service.loop.store.history()] == ["rolled back", "activated"]
+
+
 def test_models_move_to_another_installation_by_the_command_line(
     site: Site, project: Path, tmp_path: Path, zenoh_router: str
 ) -> None:
@@ -194,6 +239,34 @@ def test_while_fusion_is_away_learning_says_so(site: Site, project: Path, tmp_pa
         bus.publisher(KEYS.tracks("hall"), TrackFrame).publish(walk(1.0, 1000.0)[0])
         problems = wait_until(service.health.problems, DEADLINE, "a word on the health page")
         assert problems == {"area hall": "learning waits: fusion of area hall does not answer"}
+
+
+class Singular(TestLearner):
+    """Cannot propose; its report is none."""
+
+    def propose(self, now: float, until: float) -> Sequence[Proposal]:
+        raise np.linalg.LinAlgError("singular")
+
+    def tell(self, draft: ReportDraft) -> None:
+        draft.area("hall", nonsense=1)
+
+
+def test_a_lesson_that_raises_is_told_on_the_health_page_and_learning_goes_on(
+    site: Site, project: Path, tmp_path: Path, zenoh_router: str
+) -> None:
+    with Bus([zenoh_router]) as bus, running(site, project, tmp_path, zenoh_router, Singular()) as service:
+        assert service.health.problems() == {}
+        tracks = bus.publisher(KEYS.tracks("hall"), TrackFrame)
+        tracks.publish(walk(1.0, 1000.0)[0])
+        problems = wait_until(service.health.problems, DEADLINE, "a word on the health page")
+        assert problems == {
+            "lesson test-radio": "area hall: lesson test-radio could not propose models (LinAlgError); "
+            "this is tried again after 5 minutes, all else goes on; the log says more"
+        }
+        ((_, answer),) = bus.ask(KEYS.learning_report())
+        assert json.loads(answer)["words"] == "not done: learning failed (TypeError); its log says more"
+        tracks.publish(walk(1.0, 1000.0)[1])
+        wait_until(lambda: service.loop.areas["hall"].t == 1000.5, DEADLINE, "the next message")
 
 
 def test_an_area_that_does_not_exist_is_refused(site: Site, project: Path) -> None:
