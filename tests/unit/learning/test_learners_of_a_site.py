@@ -15,7 +15,7 @@ from services.learning.lessons import _plain
 from services.learning.loop import LearningLoop
 from services.learning.trials import Inline
 from shared.erased import Erased
-from shared.messages import CameraStatus, Message, RadioModelUpdate
+from shared.messages import CameraStatus, Erasure, Message, RadioModelUpdate
 from shared.site import Site, load_site
 
 POINTS = [f"ap-{number}" for number in range(1, 7)]
@@ -84,3 +84,29 @@ def test_a_camera_that_says_it_is_covered_is_told_of(site: Site) -> None:
     assert "it is covered" in camera.words
     loop.take(CameraStatus(t=2.0, camera="hall-east", state="ok"))
     assert "it is covered" not in loop.report(3.0).cameras[0].words
+
+
+def test_who_cannot_forget_is_made_anew_in_its_own_place_and_knows_the_live_model(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = ModelStore(in_memory())
+    store.activate(radio("hall", -33.0, "hall", POINTS), "radio", "hall", "hall", Decided(1.0, 1.0, "wins"))
+    loop = loop_of(site, store, [])
+    loop.begin()
+    blank = loop.lessons.states()
+    before = [one.learner for one in loop.lessons]
+    tracks = loop.areas["hall"]
+
+    def raises(_: str) -> None:
+        raise IndexError
+
+    for part in (tracks, *before):
+        monkeypatch.setattr(part, "forget", raises)
+    loop.take(Erasure(t=1000.0, device="d-1"))
+    loop.look(1001.0)
+    assert loop.areas["hall"] is not tracks
+    for one, former in zip(loop.lessons, before, strict=True):
+        assert one.learner is not former
+        assert type(one.learner) is type(former)
+    assert loop.lessons.states() == blank
+    assert loop.areas["hall"]._judge._radio.power_1m.tolist() == [-33.0] * 6  # type: ignore[attr-defined]
