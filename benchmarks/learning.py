@@ -81,7 +81,8 @@ taught by the truth. RMSE of each carrier in each minute over the times in view,
 error of the stage before. `rate_loss`: by which share the chosen rate's true error is above the best rate's.
 
 `radio_rmse_db`: heard minus foretold at true places of the test parts, each phone's mean taken off; `excess` over a
-model fitted to the training parts' true places. `stride_error`: of the learned lines about the way carriers truly went.
+model fitted to the training parts' true places. `stride_error`: of the learned lines about
+the way carriers truly went in runs of six steps; `stride_way_error`: over all steps, also half ones and on the spot.
 `quality_spearman`: rank correlation of quality with true RMSE over each phone's minutes of the training parts, as the
 filter follows it: wrong names and times out of view count. The printed sum grows with the time told; `per_s` does not.
 `good_tracks`: share of minute-long stretches that may teach; `…_tracks_p90` of the RMSE of these and of the others.""",

@@ -24,6 +24,8 @@ SURE = (0.01, 0.0, 0.01)
 """m²: of the truth."""
 STEP = 0.35, 1.0
 """Seconds between which a step follows the one before."""
+RUN, LEAST_WAY = 6, 1.5
+"""Steps of a run, and metres: who goes less far in so many treads on the spot."""
 FEWEST = 60
 """Steps of a test part without which nobody's stride is judged."""
 
@@ -95,7 +97,11 @@ def radio_residual(record: WorldRecord, view: AreaView) -> Array:
 
 
 def stride_errors(record: WorldRecord, lines: Mapping[str, StrideLine], fewest: int = FEWEST) -> Array:
-    """Return by which share each device's line is wrong about the way its carrier truly went, one step to the next."""
+    """Return (d, 2): by which share each device's line is wrong about the way its carrier truly went.
+
+    First where they walk: in runs of ``RUN`` steps that led on. Then over all steps, also the half ones at the ends of
+    walks and those on the spot, of which no line of length on cadence knows.
+    """
     truth = record.truth
     errors = []
     for person in truth.carriers():
@@ -107,11 +113,27 @@ def stride_errors(record: WorldRecord, lines: Mapping[str, StrideLine], fewest: 
         place = np.column_stack([np.interp(t, truth.t, truth.position[:, person, axis]) for axis in (0, 1)])
         went = np.linalg.norm(np.diff(place, axis=0), axis=1)
         fine = (np.diff(walk) == 0) & (interval >= STEP[0]) & (interval <= STEP[1]) & np.isfinite(went)
-        if fine.sum() < fewest:
+        runs = _runs(fine)
+        runs = runs[went[runs].sum(axis=1) >= LEAST_WAY]
+        if fine.sum() < fewest or not len(runs):
             continue
-        foretold = step_lengths(1.0 / interval[fine], np.full(int(fine.sum()), np.nan), line).length
-        errors.append(abs(float(foretold.sum() / went[fine].sum()) - 1.0))
-    return np.array(errors)
+        cadence = 1.0 / np.where(fine, interval, 1.0)
+        foretold = step_lengths(cadence, np.full(len(cadence), np.nan), line).length
+        errors.append([abs(float(foretold[of].sum() / went[of].sum()) - 1.0) for of in (runs, fine)])
+    return np.array(errors, float).reshape(-1, 2)
+
+
+def _runs(fine: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return (m, RUN) numbers of steps that follow each other, one run after the other."""
+    first, found = 0, []
+    while first + RUN <= len(fine):
+        broken = np.flatnonzero(~fine[first : first + RUN])
+        if len(broken):
+            first += int(broken[-1]) + 1
+            continue
+        found.append(np.arange(first, first + RUN))
+        first += RUN
+    return np.array(found, np.int64).reshape(-1, RUN)
 
 
 def stretch_rmse(stretch: Stretch, truth: Truth) -> float:

@@ -67,7 +67,9 @@ def lesson_figures(areas: Sequence[Climb]) -> dict[str, float | None]:
         figures |= {
             f"radio_rmse_db{suffix}": learned,
             f"radio_rmse_excess_db{suffix}": learned - fitted,
-            f"stride_error{suffix}": float(strides.mean()) if len(strides) else None,
+            f"stride_error{suffix}": float(strides[:, 0].mean()) if len(strides) else None,
+            f"stride_way_error{suffix}": float(strides[:, 1].mean()) if len(strides) else None,
+            f"strides_learned{suffix}": float(len(strides)),
         }
         minutes = quality_minutes(areas, tracker)
         if len(minutes) > 2:

@@ -66,7 +66,7 @@ class Rung:
         errors: (w,) metres by stage, one per person and minute of the test part.
         learned: (n,) dB, heard minus foretold by the learned radio model at true places of the test part.
         fitted: (n,) dB, the same of a model fitted to the training part's true places.
-        strides: (d,) share by which each learned stride is wrong in the test part.
+        strides: (d, 2) share by which each learned stride is wrong in the test part, see ``stride_errors``.
         minutes: (k, 4) of each phone in each minute of the training part, wrong names and times out of view among
             it: quality, nats [ravel-thesis §8.1, Eq. 5.1]; for how long it was told to be somewhere, s; true RMSE, m;
             share of that time in which it was told on a track.

@@ -57,7 +57,7 @@ def measure() -> Figures:
     known = np.isfinite(minutes.rmse)
     figures = {
         "radio_excess_db": learned - fitted,
-        "stride_error": stride_errors(training, learned_strides(good, "hall")).mean(),
+        "stride_error": stride_errors(training, learned_strides(good, "hall"))[:, 0].mean(),
         "good_rmse_p90_m": np.nanquantile([stretch_rmse(stretch, record.truth) for stretch in good], 0.9),
         "quality_spearman": spearmanr(minutes.printed[known], minutes.rmse[known]).statistic,
         "good_share": len(good) / len(judged),
