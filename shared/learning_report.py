@@ -11,6 +11,7 @@ import msgspec
 
 __all__ = [
     "AccessPointFit",
+    "AccessPointState",
     "AccuracyReport",
     "Activation",
     "AreaLessons",
@@ -25,6 +26,9 @@ __all__ = [
 ModelKind = Literal["radio", "detector", "stride", "heading", "alignment"]
 
 
+AccessPointState = Literal["fine", "few readings", "changed", "moved", "silent", "not placed"]
+
+
 class AccessPointFit(msgspec.Struct, frozen=True, kw_only=True):
     """What was learned of one access point, and how well the active model explains the last readings of it."""
 
@@ -32,11 +36,12 @@ class AccessPointFit(msgspec.Struct, frozen=True, kw_only=True):
     power_1m: float
     path_loss_exponent: float
     sigma: float | None = None
-    """Robust standard deviation of the last readings about the *active* model, dB."""
+    """Robust standard deviation of the last readings about the *active* model, dB; None of one it does not place."""
     bias: float | None = None
     """Their median, dB: heard minus expected."""
     readings: int = 0
-    state: Literal["fine", "few readings", "changed", "moved", "silent"] = "few readings"
+    """The last ones; of one that the active model does not place all that may help to find it."""
+    state: AccessPointState = "few readings"
     position: tuple[float, float, float] | None = None
     """Where the readings put it; None while they do not tell."""
     position_error: float | None = None

@@ -342,7 +342,8 @@ class RadioModelFile(msgspec.Struct, frozen=True, kw_only=True):
     format: Literal["atrium-radio-model/1"]
     site: str
     access_points: list[str]
-    positions: list[tuple[float, float, float]]
+    positions: list[tuple[float, float, float] | None]
+    """None where nobody knows."""
     power_1m: list[float]
     exponent: list[float]
     origin: tuple[float, float]

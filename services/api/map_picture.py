@@ -51,7 +51,7 @@ def map_svg(grid: MapGrid, floor: Floor, access_points: Sequence[AccessPoint]) -
     Args:
         grid: the map.
         floor: it lies on; drawn over it.
-        access_points: of the floor; the one the map is of is marked.
+        access_points: of the floor; the one the map is of is marked. Those nobody has placed are left out.
     """
     x0, y0 = (min(point[axis] for point in floor.outline) for axis in (0, 1))
     x1, y1 = (max(point[axis] for point in floor.outline) for axis in (0, 1))
@@ -116,6 +116,8 @@ def _line(points: Sequence[tuple[float, float]], place: Place) -> str:
 
 
 def _access_point(point: AccessPoint, place: Place, marked: bool) -> list[str]:
+    if point.position is None:
+        return []
     x, y = place(point.position[0], point.position[1])
     if not marked:
         return [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3.5" fill="#fff" stroke="#26323f"/>']

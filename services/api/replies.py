@@ -237,7 +237,8 @@ class AccessPointView(Reply, frozen=True, kw_only=True):
 
     id: str
     floor: str
-    position: tuple[float, float, float]
+    position: tuple[float, float, float] | None
+    """As the site file says; null where it does not."""
     kind: Literal["wifi", "ble"]
 
 

@@ -247,6 +247,9 @@ def check_site(site: Annotated[str, typer.Argument(help="a shipped site's name, 
             f"  camera {camera.id}: area {camera.area}, hangs at ({x:.1f}, {y:.1f}, {z:.1f}) m, {camera.source}"
         )
     console.print(f"  {len(found.access_points)} access points, {len(found.zones)} zones")
+    nowhere = [point.id for point in found.access_points if point.position is None]
+    if nowhere:
+        console.print(f"  no position yet, to be found by learning: {', '.join(nowhere)}")
 
 
 def main() -> None:

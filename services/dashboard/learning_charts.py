@@ -38,6 +38,7 @@ def path_loss_chart(fits: Sequence[AccessPointFit]) -> Options:
             [[d, round(fit.power_1m - 10.0 * fit.path_loss_exponent * math.log10(d), 1)] for d in DISTANCES],
         )
         for number, fit in enumerate(fits)
+        if fit.state != "not placed"
     ]
     axis = _axis("distance, m") | {"type": "log", "logBase": 2, "min": 1, "max": 32}
     return _chart(series, axis, _axis("expected, dBm") | {"scale": True})

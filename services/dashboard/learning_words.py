@@ -30,13 +30,14 @@ __all__ = [
 
 _SIGNS = {
     "fine": "✓", "few readings": "…", "changed": "▲", "moved": "◆", "silent": "✕",
-    "unknown": "…", "doubtful": "?", "knocked": "▲", "corrected": "✓",
+    "not placed": "?", "unknown": "…", "doubtful": "?", "knocked": "▲", "corrected": "✓",
     "activated": "✓", "refused": "–", "rolled back": "↶", "imported": "↓",
 }  # fmt: skip
 """So that nothing is said by colour alone."""
 _TONES = {
     "fine": "good", "corrected": "good", "activated": "good", "imported": "good",
     "changed": "wait", "doubtful": "wait", "rolled back": "wait", "moved": "wait", "knocked": "bad", "silent": "bad",
+    "not placed": "wait",
 }  # fmt: skip
 _KINDS = {
     "radio": "radio model",
@@ -57,7 +58,7 @@ def summary(report: LearningReport) -> str:
         lines.append("<strong>Frozen by hand:</strong> what is learned does not go live until somebody unfreezes it.")
     for area in report.areas:
         lines.append(f"<strong>Area {escape(area.area)}:</strong> {_sentence(area)}{_walks(area.tracks)}")
-        lines += [_warning(fit.access_point, fit.state, fit.words) for fit in _odd(area)]
+        lines += [_warning(fit.access_point, fit.state, fit.words + _place(fit)) for fit in _odd(area)]
     for camera in report.cameras:
         if camera.words and camera.alignment not in ("doubtful", "knocked"):
             lines.append(f"<strong>Camera {escape(camera.camera)}:</strong> {escape(camera.words)}")
@@ -204,7 +205,9 @@ def _walks(tracks: TrackLessons) -> str:
 
 
 def _odd(area: AreaLessons) -> list[AccessPointFit]:
-    return [fit for fit in area.access_points if fit.words and fit.state in ("changed", "moved", "silent")]
+    return [
+        fit for fit in area.access_points if fit.words and fit.state in ("changed", "moved", "silent", "not placed")
+    ]
 
 
 def _state(state: str) -> str:

@@ -25,7 +25,8 @@ class AreaView:
         lower: (2,) and ``upper``: (2,), corners of the floor with a margin, metres; beyond it nothing is believed.
         views: by camera id.
         everywhere: the union of all views.
-        radio: path loss of the floor's access points: as the site file says, until something was learned.
+        radio: path loss of the floor's access points: as the site file says, until something was learned. Those it does
+            not place are heard and passed over.
         plan: the floor's outline, walls and obstacles.
         site: id of the site.
         filed: path loss as the site file says, whatever was learned.

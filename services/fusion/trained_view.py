@@ -84,7 +84,7 @@ def believable_place(view: AreaView, place: tuple[float, float, float]) -> bool:
 
 
 def _with_model(view: AreaView, model: RadioModel) -> AreaView:
-    """Return the view under a model; access points it has not located stand where the site file says."""
+    """Return the view under a model; access points it has not located stand where the site file says, if it does."""
     located = np.isin(view.radio.names, model.located)
     positions = np.where(located[:, None], model.path_loss.positions, view.filed.positions)
     radio = dataclasses.replace(model.path_loss, positions=positions)

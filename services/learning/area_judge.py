@@ -78,7 +78,7 @@ class AreaJudge:
         except RadioModelError as error:
             log.warning("a live radio model cannot be used to judge", area=self._area, reason=str(error))
             return
-        # As fusion has it: what was not located hangs where the site file says.
+        # As fusion has it: what was not located hangs where the site file says, or nobody knows where.
         located = np.isin(self._filed.names, model.model.located)
         places = np.where(located[:, None], known.path_loss.positions, self._filed.positions)
         self._radio = dataclasses.replace(known.path_loss, positions=places)

@@ -217,6 +217,12 @@ def _never_there(recorded: RecordedPeople, duration: float, site: Site, people: 
 def _phones(scenario: Scenario, site: Site) -> Iterator[str]:
     names = Counter(fleet.name for fleet in scenario.phones)
     yield from (f"phones: the name {name!r} is used {count} times" for name, count in names.items() if count > 1)
+    nowhere = [point.id for point in site.access_points if point.position is None]
+    if scenario.phones and nowhere:
+        yield (
+            f"phones: site {site.site} does not say where access point {nowhere[0]} hangs; allowed: sites that give a "
+            "position to each, for what phones hear is made of it"
+        )
     kinds = {point.kind for point in site.access_points}
     named = {point.kind for point in site.access_points if point.addresses}
     for number, fleet in enumerate(scenario.phones):

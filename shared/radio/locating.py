@@ -34,7 +34,7 @@ class Whereabouts:
     Attributes:
         place: (2,) mean of the posterior, metres.
         covariance: (2, 2) m².
-        gain: nats by which the best place explains the readings better than the one asked about.
+        gain: nats by which the best place explains the readings better than the one asked about; 0 where none was.
     """
 
     place: Array
@@ -57,7 +57,7 @@ def locate_access_point(
     height: float,
     power: float,
     exponent: float,
-    asked: Array,
+    asked: Array | None = None,
     sure: tuple[float, float] = (POWER, EXPONENT),
     prior: RadioPrior | None = None,
 ) -> Whereabouts:
@@ -72,7 +72,7 @@ def locate_access_point(
         height: of it above the floor, metres.
         power: first guess of dBm one metre away; ``exponent`` likewise.
         exponent: see above.
-        asked: (2,) where it was believed to hang; there it may send quite otherwise than the first guess.
+        asked: (2,) where it was believed to hang, if anywhere; there it may send quite otherwise than the first guess.
         sure: standard deviations of power (dB) and exponent about the first guess elsewhere: less than the default
             where it was heard before it moved.
         prior: of shadowing.
@@ -81,7 +81,8 @@ def locate_access_point(
     places, level, weight = _averaged(places, level, weight)
     step = max(0.5, float(np.sqrt(np.prod(upper - lower) / MOST_CANDIDATES)))
     x, y = (np.arange(low, high + step, step) for low, high in zip(lower, upper, strict=True))
-    candidates = np.vstack([np.column_stack([grid.ravel() for grid in np.meshgrid(x, y)]), asked])
+    over = np.column_stack([grid.ravel() for grid in np.meshgrid(x, y)])
+    candidates = over if asked is None else np.vstack([over, asked])
     squared = ((places[:, None] - candidates[None]) ** 2).sum(axis=2) + (height - DEVICE_HEIGHT) ** 2
     distance = 5.0 * np.log10(np.maximum(squared, NEAREST**2))
     factor = cholesky(prior.correlation(places, places) + np.diag(1.0 / weight), lower=True)
@@ -90,7 +91,7 @@ def locate_access_point(
     residual = beyond[:, None] + exponent * away
     # Woodbury, for the two constants: S⁻¹ + U' C⁻¹ U and U' C⁻¹ y, U = [1, −distance].
     spread = np.tile(np.array(sure)[:, None], len(candidates))
-    spread[:, -1] = POWER, EXPONENT
+    spread[:, len(over) :] = np.array([[POWER], [EXPONENT]])
     a = spread[0] ** -2 + float(one @ one)
     b, d = -(one @ away), spread[1] ** -2 + (away**2).sum(axis=0)
     first, second = one @ residual, -(away * residual).sum(axis=0)
@@ -98,13 +99,13 @@ def locate_access_point(
     explained = (d * first**2 - 2.0 * b * first * second + a * second**2) / determinant
     volume = np.log(determinant) + 2.0 * np.log(spread).sum(axis=0)
     nats = 0.5 * (explained - (residual**2).sum(axis=0) - volume)
-    grid, best = nats[:-1], float(nats[:-1].max())
+    grid = nats[: len(over)]
     chance = np.exp(grid - grid.max())
     chance /= chance.sum()
-    place = chance @ candidates[:-1]
-    off = candidates[:-1] - place
+    place = chance @ over
+    off = over - place
     covariance = (chance[:, None] * off).T @ off + step**2 / 12.0 * np.eye(2)
-    return Whereabouts(place, covariance, best - float(nats[-1]))
+    return Whereabouts(place, covariance, 0.0 if asked is None else float(grid.max() - nats[-1]))
 
 
 def _averaged(places: Array, level: Array, weight: Array) -> tuple[Array, Array, Array]:

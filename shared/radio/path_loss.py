@@ -20,6 +20,10 @@ DEVICE_HEIGHT = 1.1
 NEAREST = 0.3
 """Metres; the model diverges at the access point itself [ravel-thesis §3.3]."""
 
+UNPLACED = 10.0
+"""10 log₁₀ of the distance from anywhere to an access point that nobody has placed: what is heard of it speaks for no
+place."""
+
 
 @dataclass(frozen=True)
 class PathLoss:
@@ -27,7 +31,7 @@ class PathLoss:
 
     Attributes:
         names: site ids of the m access points.
-        positions: (m, 3), metres.
+        positions: (m, 3), metres; NaN where nobody knows.
         power_1m: (m,), P₀ in dBm.
         exponent: (m,), n.
     """
@@ -42,10 +46,16 @@ class PathLoss:
         """Return the model the site file describes."""
         return cls(
             names=tuple(point.id for point in access_points),
-            positions=np.array([point.position for point in access_points], float).reshape(-1, 3),
+            positions=np.array([point.position or (np.nan,) * 3 for point in access_points], float).reshape(-1, 3),
             power_1m=np.array([point.power_1m for point in access_points], float),
             exponent=np.array([point.path_loss_exponent for point in access_points], float),
         )
+
+    @property
+    def placed(self) -> NDArray[np.bool_]:
+        """(m,) of which access points it is known where they hang; what is heard of the others is to be passed over."""
+        placed: NDArray[np.bool_] = np.asarray(np.isfinite(self.positions).all(axis=1))
+        return placed
 
     def log_distance(self, places: Array) -> Array:
         """Return 10 log₁₀ of the distance, (n, m), from each of (n, 2) places at phone height to each access point."""
@@ -53,6 +63,7 @@ class PathLoss:
         squared += (places[:, 1, None] - self.positions[:, 1]) ** 2
         squared += (self.positions[:, 2] - DEVICE_HEIGHT) ** 2
         level: Array = 5.0 * np.log10(np.maximum(squared, NEAREST**2))
+        level[:, ~self.placed] = UNPLACED
         return level
 
     def rssi(self, places: Array) -> Array:

@@ -31,7 +31,8 @@ class RadioModelError(ValueError):
 class RadioModel:
     """Path loss and what it gets wrong, of the same access points in the same order; ``site`` is the site's id.
 
-    ``located`` names the access points whose place was learned; where the others stand is for the site file to say.
+    ``located`` names the access points whose place was learned; where the others stand is for the site file to say, and
+    if it does not they are not placed.
     """
 
     site: str
@@ -52,7 +53,10 @@ def pack_radio_model(model: RadioModel, located: Sequence[str] = ()) -> RadioMod
         format="atrium-radio-model/1",
         site=model.site,
         access_points=list(loss.names),
-        positions=[tuple(place) for place in loss.positions.tolist()],
+        positions=[
+            tuple(place) if placed else None
+            for place, placed in zip(loss.positions.tolist(), loss.placed.tolist(), strict=True)
+        ],
         power_1m=loss.power_1m.tolist(),
         exponent=loss.exponent.tolist(),
         origin=(float(shadowing.origin[0]), float(shadowing.origin[1])),
@@ -109,10 +113,13 @@ def unpack_radio_model(file: RadioModelFile, site: str, names: tuple[str, ...]) 
     strangers = sorted(set(file.located) - set(names))
     if strangers:
         raise RadioModelError(f"located: {strangers[0]!r} is none of its access points")
+    nowhere = sorted(name for name, place in zip(known, file.positions, strict=True) if place is None)
+    if lost := sorted(set(file.located) & set(nowhere)):
+        raise RadioModelError(f"positions: found null for {lost[0]!r}; allowed: where it hangs, for it is in located")
     order = np.array([known.index(name) for name in names], np.int64)
     path_loss = PathLoss(
         names=names,
-        positions=np.array(file.positions)[order],
+        positions=np.array([place or (np.nan,) * 3 for place in file.positions], float).reshape(-1, 3)[order],
         power_1m=np.array(file.power_1m)[order],
         exponent=np.array(file.exponent)[order],
     )

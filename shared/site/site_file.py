@@ -211,11 +211,12 @@ class Camera(Part):
 
 
 class AccessPoint(Part):
-    """A radio at a known place: its position, the addresses it transmits with, and a first guess of its strength."""
+    """A radio: where it hangs, the addresses it transmits with, and a first guess of its strength."""
 
     id: Identifier
     floor: Identifier
-    position: Point3
+    position: Point3 | None = None
+    """None: nobody knows; fusion does without it until learning has found it."""
     addresses: list[str] = []
     receivers: list[str] = []
     """Names under which fixed receivers that stand here report what they hear (FIND3, ESPresense, Theengs)."""

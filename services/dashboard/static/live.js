@@ -129,7 +129,7 @@ function draw(now) {
   if (layers.zones) painting.paintZones(context, view, zonesOn(floor.id), now);
   painting.paintWalls(context, view, floor);
   if (layers.radio) {
-    painting.paintRadio(context, view, site.access_points.filter((point) => point.floor === floor.id));
+    painting.paintRadio(context, view, site.access_points.filter((point) => point.floor === floor.id && point.position));
   }
   if (layers.cameras) painting.paintCameras(context, view, cameras);
   const here = people.filter((person) => person.floor === floor.id);

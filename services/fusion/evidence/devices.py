@@ -51,12 +51,13 @@ class Devices:
         self.view = view
         self.settings = settings or IdentitySettings()
         self.grid = FloorGrid(view)
-        self._column_of_point = {name: index for index, name in enumerate(view.radio.names)}
         self.ignored: Counter[str] = Counter()
         self._start()
 
     def _tune(self, view: AreaView) -> None:
         self.view = view
+        placed = view.radio.placed.tolist()
+        self._column_of_point = {name: index for index, name in enumerate(view.radio.names) if placed[index]}
         self._distance = view.radio.log_distance(self.grid.centres)
         self._map = None if view.shadowing is None else view.shadowing.at(self.grid.centres)
         self.calibration = Calibration.of(view.radio, learned=view.shadowing is not None)
@@ -93,9 +94,9 @@ class Devices:
         """
         if same_radio(self.view, view):
             return
-        before = self._heard_on_grid()
+        before, compared = self._heard_on_grid(), self.view.radio.placed & view.radio.placed
         self._tune(view)
-        more = float((self._heard_on_grid() - before).mean())
+        more = float((self._heard_on_grid() - before)[:, compared].mean()) if compared.any() else 0.0
         for row in self.rows.tolist():
             for ear, fresh in zip(self.hearing[row], self._fresh_ears(), strict=True):
                 ear.offset -= (1.0 - ear.variance / fresh.variance) * more

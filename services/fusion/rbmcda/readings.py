@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from services.fusion.rbmcda.settings import RbmcdaSettings
 from shared.messages import RadioScan
+from shared.radio import PathLoss
 
 __all__ = ["Readings"]
 
@@ -26,10 +27,11 @@ LEARNING = 0.1
 
 
 class Readings:
-    """Scans held until their cycle."""
+    """Scans held until their cycle; what is heard of access points that nobody has placed is passed over."""
 
-    def __init__(self, names: Sequence[str], settings: RbmcdaSettings) -> None:
-        self._place = {name: index for index, name in enumerate(names)}
+    def __init__(self, radio: PathLoss, settings: RbmcdaSettings) -> None:
+        self._points = len(radio.names)
+        self._column = _columns(radio)
         self._settings = settings
         self._waiting: dict[str, list[Array]] = {}
         self._by_site: dict[str, list[Array]] = {}
@@ -38,9 +40,9 @@ class Readings:
 
     def take(self, scan: RadioScan) -> bool:
         """Note a scan; False if none of its access points is known."""
-        level = np.full(len(self._place), np.nan)
+        level = np.full(self._points, np.nan)
         for name, rssi in zip(scan.access_point, scan.rssi, strict=True):
-            index = self._place.get(name)
+            index = self._column.get(name)
             if index is not None and WEAKEST <= rssi <= STRONGEST:
                 level[index] = rssi
         if not np.isfinite(level).any():
@@ -65,7 +67,7 @@ class Readings:
                 reading[device] = _mean(scans)
             else:
                 continue
-            noise[device] = np.full(len(self._place), self._settings.noise.white**2)
+            noise[device] = np.full(self._points, self._settings.noise.white**2)
         self._waiting, self._by_site = {}, {}
         return reading, noise
 
@@ -79,8 +81,9 @@ class Readings:
             before = self._offset.get(device)
             self._offset[device] = wrong if before is None else before + LEARNING * (wrong - before)
 
-    def retune(self, less: float) -> None:
-        """Note that so many dB less are expected now: what receivers were learned to read too much is so much more."""
+    def retune(self, radio: PathLoss, less: float) -> None:
+        """Note another radio, and that so many dB less are expected: what receivers read too much is so much more."""
+        self._column = _columns(radio)
         self._offset = {device: offset + less for device, offset in self._offset.items()}
 
     def forget(self, device: str) -> None:
@@ -101,6 +104,11 @@ class Readings:
         self._waiting = {device: _arrays(scans) for device, scans in state["waiting"].items()}
         self._by_site = {device: _arrays(scans) for device, scans in state["by_site"].items()}
         self._offset = {str(device): float(offset) for device, offset in state["offset"].items()}
+
+
+def _columns(radio: PathLoss) -> dict[str, int]:
+    """Return which columns access points have that are placed."""
+    return {name: index for index, name in enumerate(radio.names) if radio.placed[index]}
 
 
 def _mean(scans: Sequence[Array]) -> Array:

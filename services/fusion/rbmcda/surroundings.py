@@ -47,8 +47,9 @@ class Surroundings:
             shadowing, constant = view.shadowing.at(self.grid)[1].mean(axis=0), LEARNED**2
         self.shared = constant
         self.bias: Array = np.diag(constant + shadowing) + noise.device**2
-        total = float((constant + shadowing).mean()) + noise.device**2 if count else 0.0
-        self._local = float(shadowing.mean()) / total if count and total > 0.0 else 0.0
+        of_placed = shadowing[view.radio.placed]
+        total = float((constant + of_placed).mean()) + noise.device**2 if len(of_placed) else 0.0
+        self._local = float(of_placed.mean()) / total if total > 0.0 else 0.0
         self._range, self._memory = noise.shadowing_range, settings.shadowing_memory
         self.expected_on_grid: Array = self.expected(self.grid)
         self._areas: dict[frozenset[str], float] = {}

@@ -66,7 +66,7 @@ class RbmcdaTracker:
         self._ids: list[int] = []
         self._told: dict[str, float] = {}
         self._walks: dict[str, WalkLog] = {}
-        self._readings = Readings(self.view.radio.names, self.settings)
+        self._readings = Readings(self.view.radio, self.settings)
         self._constants = Constants(self._around.bias, self._around.shared)
         self._people = FollowedPeople(self.view, self.settings)
         self._t, self._done = -math.inf, -math.inf
@@ -132,15 +132,18 @@ class RbmcdaTracker:
         """Go on under another radio model: everybody is where they were, and biases are of the new model."""
         if same_radio(self.view, view):
             return
+        # Of an access point that was placed nowhere, or is now, nothing is believed that a difference could shift.
+        compared = self.view.radio.placed & view.radio.placed
         before, self.view = self._around, view
         self._around = Surroundings(view, self.settings)
         # What all phones share is forgotten: the new model may have been taught by the same readings.
         self._constants = Constants(self._around.bias, self._around.shared)
-        self._readings.retune(float((before.expected_on_grid - self._around.expected_on_grid).mean()))
 
         def less(places: Array) -> Array:
-            return before.expected(places) - self._around.expected(places)
+            return np.where(compared, before.expected(places) - self._around.expected(places), 0.0)
 
+        on_grid = less(self._around.grid)[:, compared]
+        self._readings.retune(view.radio, float(on_grid.mean()) if on_grid.size else 0.0)
         self._particles = self._particles.retuned(less)
 
     def revision(self) -> Revision | None:
@@ -192,7 +195,7 @@ class RbmcdaTracker:
             if (len(particles.weight), len(particles.mean), particles.weight.shape[1]) != expected:
                 raise TrackerStateError(f"a state of another number of particles or access points than {expected[:2]}")
             walks = {device: WalkLog.of(walk) for device, walk in parts["walks"].items()}
-            readings = Readings(self.view.radio.names, self.settings)
+            readings = Readings(self.view.radio, self.settings)
             readings.restore(parts["readings"])
             people = FollowedPeople(self.view, self.settings)
             people.restore(parts["people"])

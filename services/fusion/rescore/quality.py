@@ -123,7 +123,8 @@ def score_scans(
     Args:
         devices: what was withheld, and where the tracker had each device.
         null: mean and variance (m,) of each access point's readings, wherever they were made.
-        radio: the model of the m access points.
+        radio: the model of the m access points. What is heard of those it does not place is foretold no better than
+            without places: it gains nothing and costs nothing.
         shadowing: what was learned beyond it.
         noise: what the model does not explain.
     """
@@ -132,9 +133,10 @@ def score_scans(
     model = Offsets(len(devices), noise.device, constants)
     nowhere = Offsets(len(devices), noise.device, np.zeros(points))
     known = [np.flatnonzero(np.isfinite(heard.places).all(axis=1)) for heard in devices]
+    told = [rows[radio.placed[heard.access_point[rows]]] for rows, heard in zip(known, devices, strict=True)]
     blocks = [
         (float(devices[number].t[rows[start]]), number, rows[start : start + BLOCK])
-        for number, rows in enumerate(known)
+        for number, rows in enumerate(told)
         for start in range(0, len(rows), BLOCK)
     ]
     slots: list[dict[int, float]] = [defaultdict(float) for _ in devices]

@@ -107,7 +107,7 @@ class AreaMaps:
         self._magnetic.learn(self._clock, places, field)
 
     def grid(self, kind: MapKind, model: RadioModel | None = None, access_point: str | None = None) -> MapGrid | None:
-        """Return a map, or None where nothing is learned yet.
+        """Return a map, or None where nothing is learned yet, of radio where nobody knows where the access point hangs.
 
         Args:
             kind: which.
@@ -122,6 +122,8 @@ class AreaMaps:
             names = (model or self._radio).path_loss.names
             if access_point not in names:
                 raise ValueError(f"access_point: found {access_point!r}, allowed: {', '.join(names) or 'none'}")
+            if not self.placed(access_point, model):
+                return None
             if kind == "radio":
                 return radio_grid(self.area, model or self._radio, access_point, self._centres, self._indoors)
             return None if model is None else _known(shadowing_grid(self.area, model, access_point))
@@ -130,6 +132,11 @@ class AreaMaps:
         if kind == "visits":
             return _known(grid_of(self.area, kind, "visits per hour", origin, cell, self._visits_per_hour()))
         return _known(grid_of(self.area, kind, "blocked", origin, cell, self._occlusion()))
+
+    def placed(self, access_point: str, model: RadioModel | None) -> bool:
+        """Whether a model, or the site file, says where an access point of the area hangs."""
+        loss = (model or self._radio).path_loss
+        return bool(loss.placed[loss.names.index(access_point)])
 
     def blocked(self) -> NDArray[np.bool_]:
         """Return (rows, columns) the cells nobody walks on although many pass close by."""

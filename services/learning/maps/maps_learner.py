@@ -88,7 +88,11 @@ class MapsLearner:
         except ValueError as error:
             unknown = command.access_point is not None
             return LearningAnswer(done=False, words=str(error), field="access_point", unknown=unknown)
-        return LearningAnswer(done=True, words="" if grid is not None else _NOTHING[command.map], map=grid)
+        words = "" if grid is not None else _NOTHING[command.map]
+        point = command.access_point
+        if command.map in ("radio", "shadowing") and point and not self._maps.placed(point, self._model):
+            words = f"Nobody knows yet where access point {point} hangs."
+        return LearningAnswer(done=True, words=words, map=grid)
 
     def state(self) -> dict[str, Any]:
         """Return all it knows, as what ``msgspec.json`` encodes."""

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.learning.radio.evidence import RadioEvidence
+from services.learning.radio.placing import HANGS, KNOWN, visits_at
 from services.learning.radio.shifts import Shift
-from services.learning.radio.wording import moved_words, reading_words
+from services.learning.radio.wording import moved_words, placed_words, reading_words
 from shared.radio import PathLoss, RadioFit, RadioPrior, Whereabouts, locate_access_point
 
 __all__ = ["Change", "Changes"]
@@ -34,8 +35,6 @@ SENT = (2.0, 0.15)
 """dB, and of the exponent: how well it is known what an access point sends, wherever it hangs now."""
 MOVED, MOVED_NATS = 2.0, 6.0
 """Metres and nats from which one counts as moved. Readings of 52 that were not never said so by more than 4.4 nats."""
-KNOWN = 3.0
-"""Metres to which its new place must be known."""
 TOLD = 1800.0
 """Seconds for which an operator is told of a change, and its access point looked for elsewhere."""
 FEWEST = 12
@@ -44,9 +43,9 @@ FEWEST = 12
 
 @dataclass(frozen=True)
 class Change:
-    """What was found of an access point at time ``found``: that it reads ``by`` dB otherwise ``since`` then."""
+    """What was found of an access point at ``found``: it reads ``by`` dB otherwise ``since`` then, or hangs elsewhere."""
 
-    state: Literal["changed", "moved"]
+    state: Literal["changed", "moved", "placed"]
     found: float
     since: float
     by: float
@@ -63,9 +62,10 @@ class Changes:
         prior: of the radio.
 
     Attributes:
-        guess: path loss from which lessons start: the site file's, moved access points where they hang now.
+        guess: path loss from which lessons start: the site file's, moved access points where they hang now, and those
+            it does not place where they were found.
         found: what changed lately, by access point.
-        located: the new places of those that moved.
+        located: the new places of those that moved, and those of which no place was known.
     """
 
     def __init__(self, file: PathLoss, lower: Array, upper: Array, prior: RadioPrior) -> None:
@@ -88,10 +88,22 @@ class Changes:
         moved = [self._moved(point, evidence, reference, now) for point in doubtful]  # later looks tell more
         return bool(shifts) or any(moved)
 
+    def place(self, point: int, where: Whereabouts, now: float) -> None:
+        """Note where an access point hangs that the site file does not place."""
+        before = self.located.get(point)
+        if before is None:
+            self.found[point] = Change("placed", now, now, 0.0, placed_words(self.guess.names[point], live=False))
+        elif self.found.get(point) is not None or where.error >= before.error:
+            return
+        self._hang(point, where)
+
     def state(self) -> dict[str, Any]:
         """Return all it knows."""
         return {
-            "positions": self.guess.positions.tolist(),
+            "filed": [
+                place if placed else None
+                for place, placed in zip(self._file.positions.tolist(), self._file.placed.tolist(), strict=True)
+            ],
             "found": {str(point): dataclasses.asdict(change) for point, change in self.found.items()},
             "located": {
                 str(point): [*where.place.tolist(), *where.covariance.ravel().tolist(), where.gain]
@@ -100,21 +112,24 @@ class Changes:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from ``state()``.
+        """Go on from ``state()``. What the site file says anew of a place is believed, and not what was found before.
 
         Raises:
             ValueError, KeyError, TypeError, AttributeError: it is no such state; nothing is changed then.
         """
-        positions = np.array(state["positions"], float)
-        if positions.shape != self._file.positions.shape or not np.isfinite(positions).all():
-            raise ValueError(f"positions: found shape {positions.shape}; allowed: {self._file.positions.shape}")
+        filed = np.array([place or (np.nan,) * 3 for place in state["filed"]], float)
+        if filed.shape != self._file.positions.shape:
+            raise ValueError(f"filed: found shape {filed.shape}; allowed: {self._file.positions.shape}")
+        same = np.isclose(filed, self._file.positions, equal_nan=True).all(axis=1)
         found = {self._number(point): msgspec.convert(change, Change) for point, change in state["found"].items()}
         located = {}
         for point, row in state["located"].items():
             x, y, xx, xy, yx, yy, gain = (float(value) for value in row)
             located[self._number(point)] = Whereabouts(np.array([x, y]), np.array([[xx, xy], [yx, yy]]), gain)
-        self.guess = dataclasses.replace(self._file, positions=positions)
-        self.found, self.located = found, located
+        self.guess, self.found, self.located = self._file, found, {}
+        for point, where in located.items():
+            if same[point]:
+                self._hang(point, where)
 
     def _note(self, shift: Shift, now: float) -> None:
         since, by, whole = shift.since, shift.by, shift.whole
@@ -133,11 +148,8 @@ class Changes:
         away = float(np.hypot(*(where.place - here[:2])))
         if away < max(MOVED, 2.5 * where.error):
             return False
-        positions = self.guess.positions.copy()
-        positions[point, :2] = where.place
-        self.guess = dataclasses.replace(self.guess, positions=positions)
+        self._hang(point, where)
         evidence.fade(point, since, GONE)
-        self.located[point] = where
         self.found[point] = Change("moved", now, since, by, moved_words(self.guess.names[point], away, since))
         return True
 
@@ -146,14 +158,20 @@ class Changes:
         mine = visits.where(visits.point == point)
         if len(mine) < FEWEST:
             return None
-        offset = np.append(reference.offset, np.zeros(len(evidence.devices)))[mine.device]
         known, here = reference.model.path_loss, self.guess.positions[point]
-        weight = mine.weight / (1.0 + max(reference.visit, 2.0) ** 2 * mine.weight)
+        level, weight = visits_at(mine, np.ones(len(mine)), reference)
         return locate_access_point(
-            mine.place, mine.level - offset, weight, self._lower, self._upper, height=float(here[2]),
+            mine.place, level, weight, self._lower, self._upper, height=float(here[2]),
             power=float(known.power_1m[point]), exponent=float(known.exponent[point]), asked=here[:2], sure=SENT,
             prior=self._prior,
         )  # fmt: skip
+
+    def _hang(self, point: int, where: Whereabouts) -> None:
+        height = self._file.positions[point, 2]
+        positions = self.guess.positions.copy()
+        positions[point] = (*where.place, height if np.isfinite(height) else HANGS)
+        self.guess = dataclasses.replace(self.guess, positions=positions)
+        self.located[point] = where
 
     def _number(self, point: str) -> int:
         number = int(point)

@@ -97,6 +97,10 @@ class RadioEvidence:
         newest = float(rows[:, 1].max(initial=0.0))
         return _visits(rows), newest - rows[:, 1], rows[:, 8]
 
+    def count(self, point: int) -> int:
+        """Return how many visits of an access point are kept whose name is not in doubt."""
+        return int(((self._rows[:, 3] == point) & (self._rows[:, 8] > DOUBTFUL)).sum())
+
     def fade(self, point: int, before: float, kept: float, near: Array | None = None, reach: float = 0.0) -> None:
         """Let an access point's visits from before a change count less.
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -14,27 +13,20 @@ from services.learning.proposal import Proposal
 from services.learning.radio.changes import Changes
 from services.learning.radio.evidence import RadioEvidence
 from services.learning.radio.hearing import RecentHearing
+from services.learning.radio.lesson_settings import RadioLessonSettings
+from services.learning.radio.live_radio import LiveRadio, heard_beyond, own_offsets
+from services.learning.radio.placing import Placing
 from services.learning.radio.shifts import Shift, find_shifts
+from services.learning.radio.standing import Known, robust_sigma, standing
 from services.learning.radio.suspicions import news_to, supposed
-from services.learning.radio.wording import silent_words
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
 from shared.learning_report import AccessPointFit, ModelKind
 from shared.messages import Message, RadioModelFile, RadioModelUpdate
-from shared.radio import (
-    PathLoss,
-    RadioFit,
-    RadioModel,
-    RadioModelError,
-    RadioPrior,
-    Visits,
-    fit_radio,
-    pack_radio_model,
-    unpack_radio_model,
-)
+from shared.radio import PathLoss, RadioFit, RadioModelError, RadioPrior, Visits, fit_radio, pack_radio_model
 from shared.site import Site
 
-__all__ = ["RadioLessonSettings", "RadioLessons"]
+__all__ = ["RadioLessons"]
 
 Array = NDArray[np.float64]
 
@@ -46,27 +38,6 @@ SURE = 14.0
 """Nats from which one look is enough to believe a change; otherwise the next look must say so too."""
 SHARED = 2.0
 """dB that a visit's readings have in common at least, where few visits have shown it yet."""
-
-
-@dataclass(frozen=True)
-class RadioLessonSettings:
-    """How the radio is learned.
-
-    Attributes:
-        half_life: seconds of people about after which a visit counts half.
-        every: seconds between two proposals.
-        after_change: the same after something changed.
-        visits: new ones that make a proposal worth while, and as many
-        spots: square metres must have been visited lately.
-        recent: seconds against which the last readings are held.
-    """
-
-    half_life: float = 2700.0
-    every: float = 300.0
-    after_change: float = 60.0
-    visits: int = 150
-    spots: int = 12
-    recent: float = 300.0
 
 
 class RadioLessons:
@@ -92,7 +63,8 @@ class RadioLessons:
         self._file = PathLoss.of([point for point in site.access_points if point.floor == floor])
         self._evidence = RadioEvidence(len(self.points), self._prior)
         self._hearing = RecentHearing(len(self.points))
-        self._active: RadioModel | None = None
+        self._live = LiveRadio(self._file, site.site)
+        self._placing = Placing(self._file, self._lower, self._upper, self._prior)
         self._changes = Changes(self._file, self._lower, self._upper, self._prior)
         self._offsets: dict[str, float] = {}
         self._reference: RadioFit | None = None
@@ -113,7 +85,7 @@ class RadioLessons:
         self._evidence.take(stretch)
         self._heard = max(self._heard, float(stretch.t[-1]))
         if len(stretch.scan_t):
-            self._hearing.take(stretch, self._expected(stretch.scan_place)[0])
+            self._hearing.take(stretch, self._live.expected(stretch.scan_place))
 
     def learn_doubtful(self, stretch: Stretch) -> None:
         """Take in a stretch whose name is in doubt; it draws the map, but says nothing of changes."""
@@ -138,7 +110,7 @@ class RadioLessons:
         wait = settings.after_change if changed else settings.every
         if 0.0 <= now - self._proposed < wait or not self.points:
             return ()
-        visits, age, kept = self._evidence.visits(until=until)
+        visits, age, kept = self._teaching(until=until)
         new = visits.where(visits.t > self._taught)
         spots = len(np.unique(np.floor(new.place), axis=0))
         least = settings.visits // 3 if changed else settings.visits
@@ -152,8 +124,8 @@ class RadioLessons:
         fresh = visits.t > before
         evidence = {
             "new_readings": float(fresh.sum()),
-            "residual": _sigma(fit.error[fresh]),
-            "residual_active": _sigma(self._error(new, fit.offset)),
+            "residual": robust_sigma(fit.error[fresh]),
+            "residual_active": robust_sigma(self._live.beyond(self._live.of_placed(new), fit.offset)),
         }
         return (self._proposal(fit, visits, now, until, reason, evidence),)
 
@@ -163,7 +135,7 @@ class RadioLessons:
         if not self._alarming or 0.0 <= now - self._alarmed < self._settings.after_change:
             return ()
         self._alarmed = now
-        visits, age, kept = self._evidence.visits()
+        visits, age, kept = self._teaching()
         believed = [shift for shift in self._alarming if shift.point not in self._believed(now)]
         visits, kept = supposed(visits, kept, believed)
         names = ", ".join(self.points[shift.point] for shift in self._alarming)
@@ -205,12 +177,12 @@ class RadioLessons:
         if not isinstance(model, RadioModelUpdate) or model.area != self.area:
             return
         try:
-            self._active = None if model.model is None else unpack_radio_model(model.model, self._site, self.points)
+            self._live.take(model.model)
         except RadioModelError:
             return
 
     def review(self, now: float) -> None:
-        """Look for access points that read otherwise than they did, every ``REVIEW`` seconds."""
+        """Look for access points that read otherwise than they did, and for places, every ``REVIEW`` seconds."""
         if 0.0 <= now - self._reviewed < REVIEW:
             return
         self._reviewed = now
@@ -218,34 +190,43 @@ class RadioLessons:
         if self._reference is None or self._numbers != self._evidence.renumbered:
             self._reference = self._refit(now - settings.recent)
             return
-        recent, _, _ = self._evidence.visits(since=now - settings.recent, sure=True)
-        error = _own_offsets(recent, self._error(recent, self._reference.offset, self._reference.model))
+        recent, _, _ = self._teaching(since=now - settings.recent, sure=True)
+        error = own_offsets(recent, heard_beyond(self._reference.model, recent, self._reference.offset))
         rows = np.arange(len(recent))
         unknown = self._reference.model.shadowing.at(recent.place)[1][rows, recent.point]
         shared = max(self._reference.visit, SHARED)
-        before, _, _ = self._evidence.visits(until=now - settings.recent)
+        before, _, _ = self._teaching(until=now - settings.recent)
         asked = recent, error, unknown, shared, before, now
         early = find_shifts(*asked, early=True) if len(recent) else []
         shifts = find_shifts(*asked) if early else []
         twice = [
             shift for shift in shifts if shift.nats > SURE or self._suspects.get(shift.point, 0.0) * shift.by > 0.0
         ]
-        self._alarming = [] if self._active is None else [shift for shift in early if self._is_news(recent, shift)]
+        self._alarming = [] if self._live.model is None else [shift for shift in early if self._is_news(recent, shift)]
         self._suspects = {shift.point: shift.by for shift in shifts}
+        for point, where in self._placing.look(self._evidence, self._reference).items():
+            self._changes.place(point, where, now)
         edited = self._changes.take(twice, self._evidence, self._reference, now)
         self._reference = self._refit(now if edited else now - settings.recent)
 
     def _is_news(self, recent: Visits, shift: Shift) -> bool:
         """Whether the live model does not know of a shift yet."""
-        return news_to(recent, _own_offsets(recent, self._error(recent, np.zeros(0))), shift)
+        told = self._live.of_placed(recent)
+        return news_to(told, own_offsets(told, self._live.beyond(told, np.zeros(0))), shift)
 
     def fits(self, now: float) -> list[AccessPointFit]:
         """Return how each access point stands."""
         recent, _, _ = self._evidence.visits(since=now - 2.0 * self._settings.recent, sure=True)
         offset = np.array([self._offsets.get(device, np.nan) for device in self._evidence.devices])
-        error = self._error(recent, np.nan_to_num(offset))
-        error = np.where(np.isnan(offset[recent.device]), _own_offsets(recent, error), error)
-        return [self._fit_of(point, error[recent.point == point], now) for point in range(len(self.points))]
+        recent = self._live.of_placed(recent)
+        error = self._live.beyond(recent, np.nan_to_num(offset))
+        error = np.where(np.isnan(offset[recent.device]), own_offsets(recent, error), error)
+        return [
+            standing(
+                point, self._live.loss, error[recent.point == point], self._settings.spots, self._known(point, now)
+            )
+            for point in range(len(self.points))
+        ]
 
     def tell(self, draft: ReportDraft) -> None:
         """Add how access points stand, and by how much phones hear more than others."""
@@ -261,7 +242,7 @@ class RadioLessons:
             "changes": self._changes.state(),
             "offsets": dict(self._offsets),
             "taught": self._taught if np.isfinite(self._taught) else None,
-            "active": None if self._active is None else pack_radio_model(self._active),
+            "active": None if self._live.model is None else pack_radio_model(self._live.model),
         }  # fmt: skip
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -272,17 +253,18 @@ class RadioLessons:
         """
         evidence = RadioEvidence(len(self.points), self._prior)
         changes = Changes(self._file, self._lower, self._upper, self._prior)
+        live = LiveRadio(self._file, self._site)
         try:
             changes.restore(state["changes"])
             offsets = {str(device): float(offset) for device, offset in state["offsets"].items()}
             taught = -np.inf if state["taught"] is None else float(state["taught"])
             file = None if state["active"] is None else msgspec.convert(state["active"], RadioModelFile)
-            active = None if file is None else unpack_radio_model(file, self._site, self.points)
+            live.take(file)
             evidence.restore(state["evidence"])
         except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
             raise ValueError(f"radio lessons of area {self.area}: {error!r}") from error
         self._evidence, self._changes, self._offsets = evidence, changes, offsets
-        self._taught, self._active, self._reference = taught, active, None
+        self._taught, self._live, self._reference = taught, live, None
 
     def _fit(self, visits: Visits, age: Array, kept: Array) -> RadioFit:
         faded = kept * 0.5 ** (age / self._settings.half_life)
@@ -293,59 +275,23 @@ class RadioLessons:
 
     def _refit(self, until: float) -> RadioFit:
         self._numbers = self._evidence.renumbered
-        return self._fit(*self._evidence.visits(until=until))
+        return self._fit(*self._teaching(until=until))
 
-    def _expected(self, places: Array, model: RadioModel | None = None) -> tuple[Array, Array]:
-        """Return levels (n, m) and their variance at (n, 2) places, by a model or the active one."""
-        model = model or self._active
-        if model is None:
-            return self._file.rssi(places), np.full((len(places), len(self.points)), self._prior.power**2)
-        mean, variance = model.shadowing.at(places)
-        return model.path_loss.rssi(places) + mean, variance
+    def _teaching(
+        self, since: float = -np.inf, until: float = np.inf, *, sure: bool = False
+    ) -> tuple[Visits, Array, Array]:
+        """Return visits as ``RadioEvidence.visits`` does, of the access points whose place is known by now."""
+        visits, age, kept = self._evidence.visits(since, until, sure=sure)
+        placed = self._changes.guess.placed[visits.point]
+        return visits.where(placed), age[placed], kept[placed]
 
-    def _error(self, visits: Visits, offset: Array, model: RadioModel | None = None) -> Array:
-        """Return heard − foretold − offset, (n,) dB; a phone that came since has none yet."""
-        rows = np.arange(len(visits))
-        known = np.append(offset, np.zeros(max(0, len(self._evidence.devices) - len(offset))))
-        error: Array = visits.level - self._expected(visits.place, model)[0][rows, visits.point] - known[visits.device]
-        return error
-
-    def _fit_of(self, point: int, error: Array, now: float) -> AccessPointFit:
-        name = self.points[point]
-        loss = self._file if self._active is None else self._active.path_loss
-        enough = len(error) >= self._settings.spots
-        state: Literal["fine", "few readings", "changed", "moved", "silent"] = "fine" if enough else "few readings"
-        words = ""
-        change, where = self._changes.found.get(point), self._changes.located.get(point)
-        since = self._hearing.silent(point, now)
-        if since is not None:
-            state, words = "silent", silent_words(name, since)
-        elif change is not None:
-            state, words = change.state, change.words
-        return AccessPointFit(
-            access_point=name,
-            power_1m=float(loss.power_1m[point]),
-            path_loss_exponent=float(loss.exponent[point]),
-            sigma=_sigma(error) if enough else None,
-            bias=float(np.median(error)) if enough else None,
-            readings=len(error),
-            state=state,
-            position=(*where.place.tolist(), float(loss.positions[point, 2])) if where else None,
-            position_error=where.error if where else None,
-            words=words,
+    def _known(self, point: int, now: float) -> Known:
+        where, place = self._changes.located.get(point), self._changes.guess.positions[point]
+        return Known(
+            filed=bool(self._file.placed[point]),
+            visits=self._evidence.count(point),
+            silent=self._hearing.silent(point, now),
+            change=self._changes.found.get(point),
+            place=None if where is None else (float(place[0]), float(place[1]), float(place[2])),
+            place_error=self._placing.unclear.get(point) if where is None else where.error,
         )
-
-
-def _sigma(error: Array) -> float:
-    """Return the robust standard deviation of (n,) errors about their median, dB."""
-    return float(1.4826 * np.median(np.abs(error - np.median(error)))) if len(error) else 0.0
-
-
-def _own_offsets(visits: Visits, error: Array) -> Array:
-    """Return the errors (n,) with what each phone reads too much lately taken off: the median over access points."""
-    error = error.copy()
-    for device in np.unique(visits.device).tolist():
-        mine = np.flatnonzero(visits.device == device)
-        medians = [np.median(error[mine[visits.point[mine] == point]]) for point in np.unique(visits.point[mine])]
-        error[mine] -= np.median(medians)
-    return error

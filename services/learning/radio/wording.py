@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-__all__ = ["moved_words", "reading_words", "silent_words"]
+__all__ = ["moved_words", "placed_words", "reading_words", "silent_words", "unplaced_words"]
 
 
 def reading_words(name: str, by: float, since: float, *, whole: bool) -> str:
@@ -19,6 +19,27 @@ def reading_words(name: str, by: float, since: float, *, whole: bool) -> str:
 def moved_words(name: str, away: float, since: float) -> str:
     """Return what to say of an access point that hangs ``away`` metres from where it was believed to."""
     return f"access point {name} seems to hang {away:.0f} m from where it did, since {_clock(since)}: was it moved?"
+
+
+def unplaced_words(name: str, readings: int, needed: int, unclear: float | None) -> str:
+    """Return what to say of an access point of which nobody knows where it hangs.
+
+    Args:
+        name: its id.
+        readings: heard of it so far.
+        needed: how many it takes.
+        unclear: metres to which its place is known by now, where that is too little.
+    """
+    if readings < needed:
+        return f"access point {name} is not placed yet: {readings} readings of {needed} needed"
+    sure = "" if unclear is None else f", known only to within {unclear:.0f} m"
+    return f"access point {name} is not placed yet{sure}: {readings} readings, more are needed from elsewhere"
+
+
+def placed_words(name: str, *, live: bool) -> str:
+    """Return what to say of an access point the site file does not place, once it is found."""
+    waiting = "" if live else "; not used until a radio model with it has won its trial"
+    return f"access point {name} was found by what phones hear of it{waiting}"
 
 
 def silent_words(name: str, since: float) -> str:

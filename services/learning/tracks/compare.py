@@ -95,7 +95,7 @@ def compare(
 
     Args:
         stretch: of the phone.
-        radio: the model of the m access points.
+        radio: the model of the m access points; what is heard of those it does not place is passed over.
         shadowing: what it leaves out.
         belief: what earlier stretches tell.
         begin: s.
@@ -108,6 +108,7 @@ def compare(
     steps = (stretch.step_t[step], stretch.length[step], stretch.heading[step], stretch.heading_variance[step])
     walked = walked_of(t, *steps, stretch.still)
     read = (stretch.scan_t >= begin) & (stretch.scan_t <= end) & (stretch.point < len(radio.names))
+    read[read] = radio.placed[stretch.point[read]]
     fit = None
     if read.any():
         heard = gather(stretch.scan_t[read], stretch.point[read], stretch.level[read], steps[0], steps[1])

@@ -128,7 +128,8 @@ class RadioWorld:
         floors: ids of the site's floors.
 
     Raises:
-        ValueError: a change names a floor or an access point that the site does not have.
+        ValueError: a change names a floor or an access point that the site does not have; or the site does not say
+            where an access point hangs.
     """
 
     def __init__(
@@ -274,6 +275,8 @@ class RadioWorld:
 
 def _places(point: AccessPoint, changes: Sequence[RadioChange]) -> list[_Place]:
     """Return where an access point hangs, in order of time."""
+    if point.position is None:
+        raise ValueError(f"access point {point.id} has no position")
     moves = [change for change in changes if isinstance(change, MovedAccessPoint) and change.access_point == point.id]
     spots = [(0.0, point.position), *((move.at, move.position) for move in sorted(moves, key=lambda move: move.at))]
     return [_Place(point.id, number, since, position, point.floor) for number, (since, position) in enumerate(spots)]
