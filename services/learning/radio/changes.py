@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.learning.radio.evidence import RadioEvidence
-from services.learning.radio.placing import HANGS, KNOWN, visits_at
+from services.learning.radio.placing import HANGS, visits_at
 from services.learning.radio.shifts import Shift
 from services.learning.radio.wording import moved_words, placed_words, reading_words
 from shared.radio import PathLoss, RadioFit, RadioPrior, Whereabouts, locate_access_point
@@ -35,6 +35,8 @@ SENT = (2.0, 0.15)
 """dB, and of the exponent: how well it is known what an access point sends, wherever it hangs now."""
 MOVED, MOVED_NATS = 2.0, 6.0
 """Metres and nats from which one counts as moved. Readings of 52 that were not never said so by more than 4.4 nats."""
+KNOWN = 3.0
+"""Metres to which its new place must be known."""
 TOLD = 1800.0
 """Seconds for which an operator is told of a change, and its access point looked for elsewhere."""
 FEWEST = 12
@@ -43,7 +45,7 @@ FEWEST = 12
 
 @dataclass(frozen=True)
 class Change:
-    """What was found of an access point at ``found``: it reads ``by`` dB otherwise ``since`` then, or hangs elsewhere."""
+    """What was found of an access point at ``found``: it reads ``by`` dB otherwise ``since`` then, or its place."""
 
     state: Literal["changed", "moved", "placed"]
     found: float
@@ -90,10 +92,10 @@ class Changes:
 
     def place(self, point: int, where: Whereabouts, now: float) -> None:
         """Note where an access point hangs that the site file does not place."""
-        before = self.located.get(point)
+        before, change = self.located.get(point), self.found.get(point)
         if before is None:
-            self.found[point] = Change("placed", now, now, 0.0, placed_words(self.guess.names[point], live=False))
-        elif self.found.get(point) is not None or where.error >= before.error:
+            self.found[point] = Change("placed", now, now, 0.0, placed_words(self.guess.names[point], live=True))
+        elif where.error >= before.error or (change is not None and change.state != "placed"):
             return
         self._hang(point, where)
 

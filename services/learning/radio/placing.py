@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from services.learning.radio.evidence import RadioEvidence
 from shared.radio import PathLoss, RadioFit, RadioPrior, Visits, Whereabouts, locate_access_point
 
-__all__ = ["HANGS", "KNOWN", "NEEDED", "Placing", "visits_at"]
+__all__ = ["HANGS", "NEEDED", "Placing", "visits_at"]
 
 Array = NDArray[np.float64]
 
 NEEDED = 40
 """Visits without which a place is not looked for."""
-KNOWN = 3.0
-"""Metres to which it must be known to be believed."""
+KNOWN = 5.0
+"""Metres to which it must be known. Places are nearer than that says (on training worlds three times), what a place is off
+by the map takes up, and a trial comes before anything is used."""
 HANGS = 2.5
 """Metres above the floor at which one is believed to hang: phones are all at one height and tell little of it."""
 MORE = 1.5

@@ -32,7 +32,7 @@ def unplaced_words(name: str, readings: int, needed: int, unclear: float | None)
     """
     if readings < needed:
         return f"access point {name} is not placed yet: {readings} readings of {needed} needed"
-    sure = "" if unclear is None else f", known only to within {unclear:.0f} m"
+    sure = "" if unclear is None else f", known only to within {unclear:.1f} m"
     return f"access point {name} is not placed yet{sure}: {readings} readings, more are needed from elsewhere"
 
 

@@ -15,12 +15,14 @@ from services.api.examples import EXAMPLES
 from services.api.health_report import Presence, health_report
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
+from services.api.map_picture import map_svg
 from services.api.replies import AreaFreshness, HealthReport
 from services.api.service import ApiService
 from services.api.settings import ApiSettings
 from services.api.site_view import site_view
 from services.api.stream import Hub
 from shared.keys import Keys
+from shared.learning_report import MapGrid
 from shared.settings import SettingsError, read_settings
 from shared.site import CameraGeometry, load_site
 from shared.site.footprint import footprint
@@ -106,6 +108,15 @@ def test_the_site_view_tells_where_cameras_look_but_not_where_their_pictures_com
     assert polygon.is_valid
     assert shapely.Polygon(site.floors[0].outline).buffer(0.01).contains(polygon)
     assert polygon.contains(shapely.Point(10.0, 6.0))
+
+
+def test_an_access_point_nobody_has_placed_is_told_of_and_drawn_nowhere(project: Path) -> None:
+    site = load_site(project / SITE)
+    places = [point.model_copy(update={"position": None} if n else {}) for n, point in enumerate(site.access_points)]
+    view = site_view(site.model_copy(update={"access_points": places}))
+    assert [point.position is None for point in view.access_points] == [False] + [True] * (len(places) - 1)
+    grid = MapGrid(area="hall", kind="visits", unit="", origin=(1.0, 1.0), cell=1.0, rows=[[1.0]])
+    assert map_svg(grid, site.floors[0], places).count("<circle") == 1
 
 
 @pytest.mark.parametrize("pitch_target", [0.0, 3.0, 5.9, 6.0, 8.0])

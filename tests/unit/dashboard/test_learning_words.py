@@ -104,6 +104,17 @@ def test_what_is_odd_is_said_first_and_frozen_above_all() -> None:
     assert "ap-1" not in told
 
 
+def test_an_access_point_nobody_has_placed_says_what_it_waits_for_and_is_no_line_of_the_chart() -> None:
+    waiting = fit("ap-1", state="not placed", words="access point ap-1 is not placed yet: 12 readings of 40 needed")
+    found = fit("ap-2", state="fine", words="found", position=(3.0, 4.0, 2.5), position_error=1.2)
+    area = AreaLessons(area="east", access_points=[waiting, found])
+    assert "12 readings of 40 needed" in words.summary(LearningReport(t=0.0, areas=[area]))
+    table = words.access_points_table(area)
+    assert "not placed" in table
+    assert "Heard from (3.0, 4.0) to within 1.2 m." in table
+    assert [line["name"] for line in path_loss_chart(area.access_points)["series"]] == ["ap-2"]
+
+
 @pytest.mark.parametrize("bias", [None, -400.0, 0.0, 30.0])
 def test_a_residual_is_drawn_within_its_bar(bias: float | None) -> None:
     told = words.access_points_table(AreaLessons(area="east", access_points=[fit(bias=bias, sigma=3.0)]))

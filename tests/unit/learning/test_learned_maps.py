@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 import shapely
+from fusion_world import make_site
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -239,6 +240,24 @@ def test_a_learner_of_maps_watches_learns_and_answers(project: Path) -> None:
     again = MapsLearner(site, "hall")
     again.restore(json.loads(msgspec.json.encode(maps.state())))
     assert asked(again, "magnetic") == asked(maps, "magnetic")
+
+
+def test_of_an_access_point_nobody_has_placed_there_is_no_map_until_a_model_places_it(tmp_path: Path) -> None:
+    whole = make_site(tmp_path)
+    points = [p.model_copy(update={"position": None}) if p.id == "ap-2" else p for p in whole.access_points]
+    site = whole.model_copy(update={"access_points": points})
+    maps = MapsLearner(site, "hall")
+    assert asked(maps, "radio", "ap-1").map is not None
+    for kind in ("radio", "shadowing"):
+        answer = asked(maps, kind, "ap-2")
+        assert (answer.done, answer.map) == (True, None)
+        assert answer.words == "Nobody knows yet where access point ap-2 hangs."
+    loss = PathLoss.of([point for point in whole.access_points if point.floor == "ground"])
+    flat = np.zeros((len(loss.names), 2, 2))
+    model = RadioModel(site.site, loss, ShadowingMap(loss.names, np.zeros(2), 5.0, flat, flat + 1.0))
+    file = pack_radio_model(model, ["ap-2"])
+    maps.activated(RadioModelUpdate(t=0.0, area="hall", version=1, model=file))
+    assert asked(maps, "radio", "ap-2").map is not None
 
 
 def asked(maps: MapsLearner, kind: MapKind | None, access_point: str | None = None) -> LearningAnswer:

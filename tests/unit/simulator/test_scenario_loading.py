@@ -207,6 +207,10 @@ def nameless(site: dict[str, Any]) -> dict[str, Any]:
     return changed(site, "access_points.0.addresses", [])
 
 
+def nowhere(site: dict[str, Any]) -> dict[str, Any]:
+    return changed(site, "access_points.0.position", None)
+
+
 def wall_through_the_case(site: dict[str, Any]) -> dict[str, Any]:
     return changed(site, "floors.0.walls", [[[2, 4.5], [8, 4.5]]])
 
@@ -216,6 +220,7 @@ def wall_through_the_case(site: dict[str, Any]) -> dict[str, Any]:
     [
         (wall_through_the_case, "floors[0].walls[0]: the wall runs through obstacle 'case'"),
         (nameless, "phones[0].wifi: phones would hear nobody: addresses is empty for every wifi access point"),
+        (nowhere, "phones: site room does not say where access point ap-1 hangs; allowed: sites that give a position"),
         (turned_to_the_sky, "camera lobby sees 0.00 m² of floor ground; allowed: 0.5 or more"),
     ],
 )
