@@ -84,11 +84,7 @@ def believable_place(view: AreaView, place: tuple[float, float, float]) -> bool:
 
 
 def _with_model(view: AreaView, model: RadioModel) -> AreaView:
-    """Return the view under a model; access points it has not located stand where the site file says, if it does."""
-    located = np.isin(view.radio.names, model.located)
-    positions = np.where(located[:, None], model.path_loss.positions, view.filed.positions)
-    radio = dataclasses.replace(model.path_loss, positions=positions)
-    return dataclasses.replace(view, radio=radio, shadowing=model.shadowing)
+    return dataclasses.replace(view, radio=model.over(view.filed).path_loss, shadowing=model.shadowing)
 
 
 def _check(model: RadioModel, view: AreaView) -> None:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import structlog
 
 from services.learning.accuracy.self_report import SelfReport
@@ -78,11 +76,7 @@ class AreaJudge:
         except RadioModelError as error:
             log.warning("a live radio model cannot be used to judge", area=self._area, reason=str(error))
             return
-        # As fusion has it: what was not located hangs where the site file says, or nobody knows where.
-        located = np.isin(self._filed.names, model.model.located)
-        places = np.where(located[:, None], known.path_loss.positions, self._filed.positions)
-        self._radio = dataclasses.replace(known.path_loss, positions=places)
-        self._shadowing = known.shadowing
+        self._radio, self._shadowing = known.over(self._filed).path_loss, known.shadowing
 
     def forget(self, device: str) -> None:
         """Forget a phone whose owner withdrew consent."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,16 @@ class RadioModel:
     path_loss: PathLoss
     shadowing: ShadowingMap
     located: tuple[str, ...] = ()
+
+    def over(self, filed: PathLoss) -> RadioModel:
+        """Return the model at a site: what it has not located hangs where the site file says, or nobody knows where.
+
+        Args:
+            filed: path loss as the site file says, of the same access points in the same order.
+        """
+        located = np.isin(filed.names, self.located)
+        positions = np.where(located[:, None], self.path_loss.positions, filed.positions)
+        return dataclasses.replace(self, path_loss=dataclasses.replace(self.path_loss, positions=positions))
 
 
 def write_radio_model(model: RadioModel, path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from services.learning.tracks.stretch import Stretch
 from shared.learning_command import LearningAnswer, LearningCommand
 from shared.learning_report import ModelKind
 from shared.messages import Message, RadioModelUpdate, TrackFrame
+from shared.radio.path_loss import PathLoss
 from shared.radio.radio_model import RadioModel, RadioModelError, unpack_radio_model
 from shared.site import Site
 
@@ -37,7 +39,7 @@ class MapsLearner:
 
     def __init__(self, site: Site, area: str) -> None:
         floor = site.area(area).floor
-        self._names = tuple(point.id for point in site.access_points if point.floor == floor)
+        self._filed = PathLoss.of([point for point in site.access_points if point.floor == floor])
         self._site = site.site
         self._area = area
         self._maps = AreaMaps.of_site(site, area)
@@ -71,10 +73,10 @@ class MapsLearner:
         """
         if not isinstance(model, RadioModelUpdate) or model.area != self._area:
             return
-        try:
-            self._model = None if model.model is None else unpack_radio_model(model.model, self._site, self._names)
-        except RadioModelError:
-            self._model = None
+        self._model = None
+        if model.model is not None:
+            with suppress(RadioModelError):
+                self._model = unpack_radio_model(model.model, self._site, self._filed.names).over(self._filed)
 
     def map(self, command: LearningCommand) -> LearningAnswer | None:
         """Answer an order for a map; None where it is of another area."""

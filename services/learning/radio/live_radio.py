@@ -39,7 +39,7 @@ class LiveRadio:
         Raises:
             RadioModelError: it does not fit the site; what was live before still is.
         """
-        self.model = None if model is None else unpack_radio_model(model, self._site, self._file.names)
+        self.model = None if model is None else unpack_radio_model(model, self._site, self._file.names).over(self._file)
 
     def expected(self, places: Array) -> Array:
         """Return levels (n, m) at (n, 2) places, dBm; −inf of access points that it does not place."""

@@ -20,7 +20,7 @@ from shared.messages import RadioModelFile, RadioModelUpdate
 from shared.site import Site
 
 UNKNOWN = "ap-3"
-MINUTES = range(6)
+MINUTES = range(9)
 
 
 def stripped(site: Site, *names: str) -> Site:
@@ -103,7 +103,7 @@ def test_it_is_found_where_it_hangs_and_goes_into_the_model(
     assert away < 3.0 * fit.position_error
     assert away < 3.0
     with_it = [proposal for proposal in proposals if file_of(proposal).located]
-    assert with_it[0].trained_until <= T0 + 300.0
+    assert with_it[0].trained_until <= T0 + 480.0
     assert f"{UNKNOWN} was found" in with_it[0].reason
     assert file_of(with_it[-1]).located == [UNKNOWN]
     assert rms(off_by(model_of(with_it[-1], site, lessons), hall)[:, 2]) < 2.5

@@ -1,5 +1,6 @@
 """A learned radio model survives its file, and a file of another site is refused in words."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,25 @@ def test_a_model_survives_its_file_in_any_order_of_access_points(model: RadioMod
     for found, written in zip(again.shadowing.at(places), model.shadowing.at(places), strict=True):
         np.testing.assert_allclose(found[:, ::-1], written, atol=1e-3)
     assert again.site == "hall"
+
+
+def test_where_nobody_knows_it_stays_unknown_and_the_site_file_has_the_word_on_what_was_not_located(
+    model: RadioModel, tmp_path: Path
+) -> None:
+    file, places = tmp_path / "radio.json", np.array([[2.0, 2.0], [4.4, 3.1]])
+    nowhere = dataclasses.replace(
+        model.path_loss, positions=np.where([[True], [False]], np.nan, model.path_loss.positions)
+    )
+    write_radio_model(dataclasses.replace(model, path_loss=nowhere), file)
+    again = read_radio_model(file, "hall", NAMES)
+    assert again.path_loss.placed.tolist() == [False, True]
+    assert np.ptp(again.path_loss.rssi(places)[:, 0]) == 0.0
+    assert again.over(model.path_loss).path_loss.placed.all()
+    assert model.over(nowhere).path_loss.placed.tolist() == [False, True]
+    assert dataclasses.replace(model, located=("a",)).over(nowhere).path_loss.placed.all()
+    write_radio_model(dataclasses.replace(model, path_loss=nowhere, located=("a",)), file)
+    with pytest.raises(RadioModelError, match="positions: found null for 'a'"):
+        read_radio_model(file, "hall", NAMES)
 
 
 def test_a_file_of_another_site_or_of_other_access_points_is_refused(model: RadioModel, tmp_path: Path) -> None:
