@@ -92,11 +92,11 @@ class Changes:
 
     def place(self, point: int, where: Whereabouts, now: float) -> None:
         """Note where an access point hangs that the site file does not place."""
-        before, change = self.located.get(point), self.found.get(point)
-        if before is None:
+        change = self.found.get(point)
+        if point not in self.located:
             self.found[point] = Change("placed", now, now, 0.0, placed_words(self.guess.names[point], live=True))
-        elif where.error >= before.error or (change is not None and change.state != "placed"):
-            return
+        elif change is not None and change.state != "placed":
+            return  # it hung elsewhere when most of this was heard
         self._hang(point, where)
 
     def state(self) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Where do access points hang whose place the site file does not say? Looked for as what is heard of them grows.
 
-Until then they are heard and kept, and taught nothing about. A place found from few readings is looked for anew whenever
-there are a quarter more, and taken where it is known better.
+Until then they are heard and kept, and taught nothing about. A place found from few readings is looked for anew when
+there are a quarter more: what most readings say is believed, not what the first few said by chance.
 """
 
 from __future__ import annotations
