@@ -54,6 +54,11 @@ def test_the_demo_hall_loads() -> None:
         site.floor("cellar")
 
 
+def test_an_access_point_may_hang_nobody_knows_where(hall: Document, load: Callable[[Document], Site]) -> None:
+    del hall["access_points"][1]["position"]
+    assert [point.position is None for point in load(hall).access_points[:3]] == [False, True, False]
+
+
 def test_the_site_of_the_real_clip_loads(data_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ATRIUM_DATA", str(data_folder.resolve()))
     site = load_site(SITES / "pets09" / "site.yaml")
