@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.device_minutes import device_minutes
 from benchmarks.fusion_run import run_fusion
 from benchmarks.learning_adapter import chosen_rate, learned_radio, learned_strides, run_with_score
 from benchmarks.learning_checks import radio_residual, stretch_rmse, stride_errors, true_run
@@ -20,7 +21,6 @@ from benchmarks.learning_splits import Split, part_of
 from benchmarks.learning_stretches import stretches_of
 from benchmarks.learning_strides import with_strides
 from benchmarks.position_error import centre_of, window_rmse
-from benchmarks.stretch_quality import device_minutes
 from benchmarks.track_reading import named_positions
 from benchmarks.world_record import WorldRecord
 from services.fusion.area_view import AreaView

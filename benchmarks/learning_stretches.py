@@ -14,7 +14,7 @@ from services.learning.tracks.stretch import Stretch
 from services.learning.tracks.verdict import Verdict
 from shared.messages import DetectionFrame, Message, MotionBatch, RadioScan, Revision, TrackFrame
 
-__all__ = ["heard_of", "stretches_of"]
+__all__ = ["cut_of", "heard_of", "stretches_of"]
 
 EVERY = 5.0
 """Seconds between two looks at what has ended."""
@@ -30,13 +30,16 @@ def heard_of(record: WorldRecord, run: FusionRun) -> Iterator[tuple[float, Messa
 
 
 def stretches_of(record: WorldRecord, run: FusionRun, view: AreaView) -> Iterator[tuple[Stretch, Verdict]]:
-    """Yield the stretches of a run over a record as they end, and what is thought of each under a view's radio.
+    """Yield the stretches of a run over a record as they end, and what is thought of each under a view's radio."""
+    judge = QualityJudge(len(view.radio.names))
+    for stretch in cut_of(record, run, view):
+        yield stretch, judge.judge(stretch, view.radio, view.shadowing)
 
-    The last seconds are not settled and are left out.
-    """
+
+def cut_of(record: WorldRecord, run: FusionRun, view: AreaView) -> Iterator[Stretch]:
+    """Yield the stretches of a run over a record as they end; the last seconds are not settled and are left out."""
     assembler = StretchAssembler(view.radio.names)
     sight = SightScore(view.views)
-    judge = QualityJudge(len(view.radio.names))
     looked = run.frames[0].t if run.frames else 0.0
     for t, message in heard_of(record, run):
         match message:
@@ -52,7 +55,5 @@ def stretches_of(record: WorldRecord, run: FusionRun, view: AreaView) -> Iterato
                 assembler.take_revision(message)
         if t >= looked + EVERY:
             looked = t
-            for stretch in assembler.close():
-                yield stretch, judge.judge(stretch, view.radio, view.shadowing)
-    for stretch in assembler.close():
-        yield stretch, judge.judge(stretch, view.radio, view.shadowing)
+            yield from assembler.close()
+    yield from assembler.close()

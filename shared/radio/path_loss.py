@@ -62,10 +62,21 @@ class PathLoss:
         squared = (places[:, 0, None] - self.positions[:, 0]) ** 2
         squared += (places[:, 1, None] - self.positions[:, 1]) ** 2
         squared += (self.positions[:, 2] - DEVICE_HEIGHT) ** 2
-        level: Array = 5.0 * np.log10(np.maximum(squared, NEAREST**2))
-        level[:, ~self.placed] = UNPLACED
-        return level
+        return _log_distance(squared, self.placed)
 
     def rssi(self, places: Array) -> Array:
         """Return the expected signal strengths, (n, m) in dBm, at (n, 2) places."""
         return self.power_1m - self.exponent * self.log_distance(places)
+
+    def rssi_of(self, places: Array, access_point: NDArray[np.int64]) -> Array:
+        """Return (…, n) dBm expected at (…, n, 2) places of one access point each, (n,)."""
+        anchor = self.positions[access_point]
+        squared = ((places - anchor[:, :2]) ** 2).sum(axis=-1) + (anchor[:, 2] - DEVICE_HEIGHT) ** 2
+        return self.power_1m[access_point] - self.exponent[access_point] * _log_distance(
+            squared, self.placed[access_point]
+        )
+
+
+def _log_distance(squared: Array, placed: NDArray[np.bool_]) -> Array:
+    level: Array = np.where(placed, 5.0 * np.log10(np.maximum(squared, NEAREST**2)), UNPLACED)
+    return level

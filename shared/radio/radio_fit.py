@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shared.radio.expected_level import expected_level
 from shared.radio.path_loss import PathLoss
 from shared.radio.radio_learning import RadioLearner, RadioPrior, device_offsets
 from shared.radio.radio_model import RadioModel
@@ -158,7 +159,7 @@ def fit_radio(
         )  # fmt: skip
     kept = np.ones(len(visits)) if kept is None else kept
     rows = np.arange(len(visits))
-    residual = visits.level - guess.rssi(visits.place)[rows, visits.point]
+    residual = visits.level - guess.rssi_of(visits.place, visits.point)
     spot = _numbered(np.column_stack([visits.point, np.floor(visits.place / SPOT).astype(np.int64)]))
     trust, shared = np.ones(len(visits)), 0.0
     for _ in range(ROUNDS):
@@ -180,8 +181,7 @@ def fit_radio(
 
 
 def _foretold(model: RadioModel, visits: Visits) -> Array:
-    rows = np.arange(len(visits))
-    there: Array = (model.path_loss.rssi(visits.place) + model.shadowing.at(visits.place)[0])[rows, visits.point]
+    there, _ = expected_level(visits.place, visits.point, model.path_loss, model.shadowing)
     return there
 
 

@@ -21,12 +21,11 @@ from numpy.typing import NDArray
 from services.fusion.evidence.identity_settings import IdentitySettings
 from services.fusion.rescore.offsets import Offsets
 from services.fusion.rescore.significance import SLOT
-from shared.radio import PathLoss, RadioNoise, ShadowingMap
+from shared.radio import Nowhere, PathLoss, RadioNoise, ShadowingMap, expected_level
 
 __all__ = [
     "Heard",
     "Score",
-    "null_covariance",
     "null_of",
     "placed_covariance",
     "places_at",
@@ -46,10 +45,6 @@ WALKING = (1.0, 0.5)
 """Mean and standard deviation of anybody's walking speed, m/s."""
 LIMIT = 4.0
 """Nats."""
-LEAST_NULL_SIGMA = 3.0
-"""dB; nothing without places predicts a reading better."""
-MEMORY = 7.0
-"""Seconds after which what somebody hears who is carried about is no longer like before."""
 UNSEEN_SIGMA = 10.0
 """dB, of an access point read once or twice."""
 CARRIER = IdentitySettings().shadowing_known
@@ -110,7 +105,7 @@ class Score:
 
 def score_scans(
     devices: Sequence[Heard],
-    null: tuple[Array, Array],
+    null: Nowhere,
     radio: PathLoss,
     shadowing: ShadowingMap | None,
     noise: RadioNoise,
@@ -122,7 +117,7 @@ def score_scans(
 
     Args:
         devices: what was withheld, and where the tracker had each device.
-        null: mean and variance (m,) of each access point's readings, wherever they were made.
+        null: each access point's readings, wherever they were made.
         radio: the model of the m access points. What is heard of those it does not place is foretold no better than
             without places: it gains nothing and costs nothing.
         shadowing: what was learned beyond it.
@@ -143,16 +138,12 @@ def score_scans(
     for begin, number, rows in sorted(blocks, key=lambda block: block[:2]):
         heard = devices[number]
         level, columns, spots = heard.level[rows], heard.access_point[rows], heard.places[rows]
-        expected = radio.rssi(spots)[np.arange(len(rows)), columns]
-        variance = np.full(len(rows), noise.shadowing**2)
-        if shadowing is not None:
-            mean, unknown = shadowing.at(spots)
-            expected = expected + mean[np.arange(len(rows)), columns]
-            variance = unknown[np.arange(len(rows)), columns] + CARRIER**2
+        expected, unknown = expected_level(spots, columns, radio, shadowing)
+        variance = np.full(len(rows), noise.shadowing**2) if unknown is None else unknown + CARRIER**2
         covariance = placed_covariance(spots, columns, variance, noise)
         gain = model.log_likelihood(level - expected, number, columns, covariance)
-        covariance = null_covariance(heard.t[rows], columns, null[1], noise)
-        gain -= nowhere.log_likelihood(level - null[0][columns], number, columns, covariance)
+        covariance = null.covariance(heard.t[rows], columns, noise.white**2)
+        gain -= nowhere.log_likelihood(level - null.level[columns], number, columns, covariance)
         slots[number][math.floor(begin / SLOT)] += gain
     return [
         Score(len(heard.level), len(rows), sum(gained.values()), gained, _by_slot(heard.t))
@@ -204,27 +195,14 @@ def placed_covariance(places: Array, access_point: Integers, shadowing: Array, n
     return covariance
 
 
-def null_covariance(t: Array, access_point: Integers, variance: Array, noise: RadioNoise) -> Array:
-    """Return (n, n) dB², of one device's readings less their access points' means, but for its offset.
-
-    Each access point has a spread, and what is heard now is like what was heard a moment ago: else any place would
-    explain readings better than none, because readings of one place are alike.
-    """
-    same = access_point[:, None] == access_point[None]
-    kept = np.exp(-np.abs(t[:, None] - t[None]) / MEMORY)
-    spread = np.sqrt(np.maximum(variance[access_point] - noise.white**2, 0.0))
-    covariance: Array = same * np.outer(spread, spread) * kept + noise.white**2 * np.eye(len(t))
-    return covariance
-
-
-def null_of(level: Array, access_point: Integers, points: int, noise: RadioNoise) -> tuple[Array, Array]:
-    """Return mean and variance (m,) of each access point's readings beyond the devices' own offsets, dB and dB²."""
+def null_of(level: Array, access_point: Integers, points: int, noise: RadioNoise) -> Nowhere:
+    """Return what (n,) readings of m = ``points`` access points are like wherever they were made."""
     count = np.bincount(access_point, minlength=points)
     total = np.bincount(access_point, weights=level, minlength=points)
     mean = total / np.maximum(count, 1)
     squares = np.bincount(access_point, weights=(level - mean[access_point]) ** 2, minlength=points)
-    variance = np.where(count > 2, squares / np.maximum(count - 1, 1) - noise.device**2, UNSEEN_SIGMA**2)
-    return mean, np.maximum(variance, LEAST_NULL_SIGMA**2)
+    variance = np.where(count > 2, squares / np.maximum(count - 1, 1), UNSEEN_SIGMA**2 + noise.device**2)
+    return Nowhere.of(mean, variance, noise.white**2, noise.device**2)
 
 
 def places_at(times: Array, frames: Array, path: Array, longest: float) -> Array:

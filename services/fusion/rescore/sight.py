@@ -1,10 +1,14 @@
 """How well do cameras' detections support the tracks? The cumulative quality score [ravel-thesis §8.1/8.2, Eq. 5.1].
 
-Each camera frame is held against where the tracks of the chunk *before* were going. A detection assigned to a track
-counts log(p(y | track) p_d / p(y | clutter)), clutter being uniform over the floor the camera sees; a track in its
-view without one counts log(1 - p_d). A detector that fires seldom pays for misses; one that fires anywhere gains
-nothing, because what is no track's counts for nobody, and tracks made of it do not last. The score is the sum over
-tracks of high quality: those that lasted and whose own sum speaks for them.
+Each camera frame is held against where the tracks of the chunk *before* were going, by the terms of
+``shared.sight_nats``; clutter is one detection, uniform over the floor the camera sees. A detector that fires seldom
+pays for misses; one that fires anywhere gains nothing, because what is no track's counts for nobody, and tracks made of
+it do not last. The score is the sum over tracks of high quality: those that lasted and whose own sum speaks for them.
+
+Learning scores tracks by the same terms (``services/learning/tracks/sight.py``) but counts p_d and clutter as it goes,
+takes the tracker's word for which detection was whose, and weighs a look by its time. Here two detectors are compared
+on the same pictures: counted from its own detections, each would be held to its own standard, and one that sees ghosts
+would be forgiven them.
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ from scipy.optimize import linear_sum_assignment
 from services.fusion.area_view import AreaView
 from services.fusion.rescore.significance import SLOT
 from shared.messages import DetectionFrame, TrackFrame, covariances, positions
+from shared.sight_nats import assigned_nats, missed_nats, off_by
 
 __all__ = ["Sight", "SightJudge"]
 
@@ -67,7 +72,7 @@ class SightJudge:
     def __init__(self, view: AreaView, since: float, until: float) -> None:
         self._view, self._since, self._until = view, since, until
         self._clutter = {
-            camera: -math.log(max(float((seen.depth > 0.0).sum()) * seen.cell**2, 1.0))
+            camera: 1.0 / max(float((seen.depth > 0.0).sum()) * seen.cell**2, 1.0)
             for camera, seen in view.views.items()
         }
         self._sums: dict[int, dict[int, float]] = defaultdict(lambda: defaultdict(float))
@@ -107,18 +112,14 @@ class SightJudge:
 
     def _gain(self, frame: DetectionFrame, place: Array, spread: Array) -> Array:
         """Return (k,) nats by which a frame speaks for the tracks at (k, 2) places in its view."""
-        missed = math.log(1.0 - DETECTION)
+        missed = missed_nats(DETECTION)
         gain = np.full(len(place), missed)
         if not len(frame.x) or not len(place):
             return gain
         apart = positions(frame)[None] - place[:, None]
         both = spread[:, None] + covariances(frame)[None]
-        a, b, d = both[..., 0, 0], both[..., 0, 1], both[..., 1, 1]
-        determinant = np.maximum(a * d - b * b, 1e-12)
-        x, y = apart[..., 0], apart[..., 1]
-        off = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
-        likelihood = -0.5 * off - 0.5 * np.log(determinant) - math.log(2.0 * math.pi)
-        ratio = likelihood + math.log(DETECTION) - self._clutter[frame.camera]
+        off, log_determinant = off_by(apart[..., 0], apart[..., 1], both[..., 0, 0], both[..., 0, 1], both[..., 1, 1])
+        ratio = assigned_nats(off, log_determinant, DETECTION, self._clutter[frame.camera])
         worth = np.where((off < GATE) & (ratio > missed), ratio - missed, 0.0)
         rows, columns = linear_sum_assignment(worth, maximize=True)
         gain[rows] += worth[rows, columns]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import zlib
-from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,6 +19,8 @@ from numpy.typing import NDArray
 
 from services.learning.accuracy.claims import Claim, claim_of
 from services.learning.accuracy.name_shares import right_probabilities
+from services.learning.tracks.along import along
+from services.learning.tracks.crowd import Crowd, followed_in, others_of
 from services.learning.tracks.phones import PhoneRows, Phones
 from services.learning.tracks.radio_evidence import RadioBelief
 from services.learning.tracks.stretch import Stretch
@@ -67,12 +68,9 @@ SAME = 1e-6
 
 
 @dataclass(frozen=True)
-class _Everybody:
-    """At one time: tracks by id in ascending order, and the names."""
+class _Everybody(Crowd):
+    """Also (n, 3) covariances, xx, xy and yy in m², and the names: track and probability."""
 
-    t: float
-    track: NDArray[np.int64]
-    place: Array
     covariance: Array
     named: dict[str, tuple[int, float]]
 
@@ -116,21 +114,14 @@ class SelfReport:
         elif frame.t < last + EVERY - SAME:
             return
         self._phones.take_time(frame.t)
-        rows = [row for row, state in enumerate(frame.state) if state != "unseen"]
-        rows.sort(key=lambda row: frame.track[row])
+        rows, ids, places = followed_in(frame)
         named: dict[str, tuple[int, float]] = {}
         for row in rows:
             device = frame.device[row]
             if device is not None:
                 named[device] = (frame.track[row], frame.probability[row])
-        picture = _Everybody(
-            frame.t,
-            np.array([frame.track[row] for row in rows], np.int64),
-            np.array([(frame.x[row], frame.y[row]) for row in rows], float).reshape(-1, 2),
-            np.array([frame.covariance[row] for row in rows], float).reshape(-1, 3),
-            named,
-        )
-        self._pictures.append(picture)
+        covariance = np.array([frame.covariance[row] for row in rows], float).reshape(-1, 3)
+        self._pictures.append(_Everybody(frame.t, ids, places, covariance, named))
         heard = sum(phone.newest >= frame.t - HEARD for phone in self._phones.values())
         kept = math.exp(-EVERY / MEMORY)
         self._heard, self._named = kept * self._heard + max(heard, len(named)), kept * self._named + len(named)
@@ -200,52 +191,16 @@ class SelfReport:
 
     def _after(self, device: str, phone: PhoneRows, track: int, probability: float) -> Stretch | None:
         """Return what a track did in the ``HORIZON`` after the oldest picture; None where it ended at once."""
-        begin = self._pictures[0].t
-        pictures = [picture for picture in self._pictures if picture.t <= begin + HORIZON]
-        own = [(picture, int(np.searchsorted(picture.track, track))) for picture in pictures]
-        own = [(picture, row) for picture, row in own if row < len(picture.track) and picture.track[row] == track]
-        if len(own) < 2:
+        until = self._pictures[0].t + HORIZON
+        own = [(picture, picture.row_of(track)) for picture in self._pictures if picture.t <= until]
+        about = [(picture, row) for picture, row in own if row is not None]
+        if len(about) < 2:
             return None
-        t = np.array([picture.t for picture, _ in own])
-        place = np.array([picture.place[row] for picture, row in own])
-        covariance = np.array([picture.covariance[row] for picture, row in own])[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-        ids = np.unique(np.concatenate([picture.track for picture in pictures]))
-        ids = ids[ids != track]
-        during = [picture for picture in pictures if picture.t <= t[-1] + SAME]
-        places = np.full((len(ids), len(during), 2), np.nan)
-        for number, picture in enumerate(during):
-            other = picture.track != track
-            places[np.searchsorted(ids, picture.track[other]), number] = picture.place[other]
-        readings, steps, still = (
-            np.array(rows[bisect_left(rows, (begin - SAME,)) : bisect_left(rows, (t[-1] + SAME,))], float)
-            for rows in (phone.readings, phone.steps, phone.still)
-        )
-        readings, steps = readings.reshape(-1, 3), steps.reshape(-1, 7)
-        return Stretch(
-            device=device,
-            track=track,
-            t=t,
-            place=place,
-            covariance=covariance,
-            probability=np.full(len(t), probability),
-            seen=np.ones(len(t), np.bool_),
-            sight=np.zeros(len(t)),
-            scan_t=readings[:, 0],
-            point=readings[:, 1].astype(np.int64),
-            level=readings[:, 2],
-            scan_place=np.column_stack([np.interp(readings[:, 0], t, place[:, axis]) for axis in (0, 1)]),
-            scan_spread=np.zeros(len(readings)),
-            step_t=steps[:, 0],
-            length=steps[:, 1],
-            length_variance=steps[:, 2],
-            heading=steps[:, 3],
-            heading_variance=steps[:, 4],
-            walk=steps[:, 5].astype(np.int64),
-            still=still.reshape(-1, 2),
-            other=ids,
-            other_t=np.array([picture.t for picture in during]),
-            other_place=places,
-        )
+        t = np.array([picture.t for picture, _ in about])
+        place = np.array([picture.place[row] for picture, row in about])
+        covariance = np.array([picture.covariance[row] for picture, row in about])[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+        others = others_of(self._pictures, track, t, place)
+        return along(device, phone, track, t, place, covariance, np.full(len(t), probability), others=others)
 
 
 def _errors(claims: Sequence[Claim], right: Array) -> tuple[Array, Array]:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -22,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.learning.cameras.blocked_places import BlockedPlaces, Walkable
-from services.learning.cameras.registration import REACH, Snapshot, explained, moved, register
+from services.learning.cameras.camera_pairs import LEAST, LOOK_EVERY, CameraPairs, Pair, gain_of
+from services.learning.cameras.registration import moved, register
 from services.learning.proposal import Proposal
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
@@ -33,32 +33,12 @@ __all__ = ["AlignmentLessons", "AlignmentReading"]
 
 Array = NDArray[np.float64]
 
-EVERY = 1.0
-"""Seconds between two snapshots of a pair."""
-TOGETHER = 0.1
-"""Seconds by which the frames of a snapshot may be apart."""
-KEPT = 900.0
-"""Seconds of snapshots."""
-RECENT = 30
-"""Snapshots a pair is judged by …"""
-LEAST = 15
-"""… and the least of them."""
 TAUGHT = 90
 """Snapshots a correction is learned from, the latest."""
 JUDGED = 10
 """Snapshots, newer than those that taught, that must judge it."""
-LOOK_EVERY = 30.0
-"""Seconds between two looks at a pair."""
-OFF = 0.35
-"""Metres two cameras may contradict each other: feet are seen two tenths nearer or further from another side."""
-LEAST_GAIN = 0.1
-"""Nats per detection; more than the two tenths are worth."""
 MENDED = 0.4
 """Nats per detection that a correction must be worth: half a metre put right is worth 0.6, a chance find 0.15."""
-SURE = 3.0
-"""Standard errors."""
-BLOCK = 5
-"""Snapshots in a row whose gains are alike."""
 FURTHEST, MOST_TURN, MOST_STRETCH = 3.0, math.radians(16.0), 0.3
 """Metres, radians and a share that a correction may amount to where people were seen, in the median."""
 
@@ -76,15 +56,6 @@ class AlignmentReading:
     state: Literal["unknown", "fine", "doubtful", "knocked", "corrected"] = "unknown"
     offset: float | None = None
     words: str = ""
-
-
-@dataclass(frozen=True)
-class _Pair:
-    """What two cameras say of each other: whether they contradict, by how many metres, since when."""
-
-    off: bool
-    offset: float
-    since: float
 
 
 class _State(msgspec.Struct):
@@ -106,9 +77,7 @@ class AlignmentLessons:
 
     def __init__(self, area: str, walkable: Walkable, hangs: Mapping[str, Array] | None = None) -> None:
         self._area = area
-        self._newest: dict[str, tuple[float, Array]] = {}
-        self._snapshots: dict[tuple[str, str], deque[Snapshot]] = {}
-        self._pairs: dict[tuple[str, str], tuple[float, _Pair]] = {}
+        self._pairs = CameraPairs()
         self._tried: dict[str, float] = {}
         self._active: dict[str, CameraAlignment] = {}
         self._hangs = dict(hangs or {})
@@ -117,24 +86,7 @@ class AlignmentLessons:
     def take_frame(self, frame: DetectionFrame) -> None:
         """Take in what a camera saw, in order of time."""
         self._blocked.take_frame(frame)
-        places = np.column_stack([frame.x, frame.y]).reshape(-1, 2)
-        self._newest[frame.camera] = (frame.t, places)
-        for other, (t, theirs) in self._newest.items():
-            if other == frame.camera or abs(frame.t - t) > TOGETHER:
-                continue
-            first, second = sorted((frame.camera, other))
-            kept = self._snapshots.setdefault((first, second), deque())
-            if kept and frame.t < kept[-1].t - KEPT:
-                kept.clear()
-                self._pairs.pop((first, second), None)
-            if kept and frame.t < kept[-1].t + EVERY:
-                continue
-            ours, of_second = (places, theirs) if frame.camera == first else (theirs, places)
-            near = np.linalg.norm(ours[:, None] - of_second[None], axis=2) < REACH
-            if near.any():
-                kept.append(Snapshot(frame.t, ours[near.any(axis=1)], of_second[near.any(axis=0)]))
-            while kept and kept[0].t < frame.t - KEPT:
-                kept.popleft()
+        self._pairs.take(frame.camera, frame.t, np.column_stack([frame.x, frame.y]).reshape(-1, 2))
 
     def watch(self, message: Message) -> None:
         """Take in what a camera saw; the rest is left out."""
@@ -159,7 +111,7 @@ class AlignmentLessons:
         proposals = []
         for camera in self.cameras:
             witnesses, since = self._against(camera)
-            newest = max((self._snapshots[_key(camera, other)][-1].t for other in witnesses), default=-math.inf)
+            newest = max((self._pairs.newest(camera, other) for other in witnesses), default=-math.inf)
             if not witnesses or newest < self._tried.get(camera, -math.inf) + LOOK_EVERY:
                 continue
             self._tried[camera] = newest
@@ -174,13 +126,11 @@ class AlignmentLessons:
             return
         self._active[model.camera] = model
         self._blocked.restart(model.camera)
-        for pair in [pair for pair in self._snapshots if model.camera in pair]:
-            del self._snapshots[pair]
-            self._pairs.pop(pair, None)
+        self._pairs.forget(model.camera)
 
     def reading(self, camera: str) -> AlignmentReading:
         """Return what is known of a camera by now."""
-        pairs = {other: self._pair(camera, other) for other in self.cameras if other != camera}
+        pairs = {other: self._pairs.said(camera, other) for other in self.cameras if other != camera}
         known = {other: pair for other, pair in pairs.items() if pair is not None}
         off = {other: pair for other, pair in known.items() if pair.off}
         if not off:
@@ -207,7 +157,7 @@ class AlignmentLessons:
     @property
     def cameras(self) -> list[str]:
         """Of which something was heard."""
-        return sorted(self._newest)
+        return self._pairs.cameras
 
     def state(self) -> dict[str, Any]:
         """Return the corrections in use; what cameras see now is known again within a minute."""
@@ -253,37 +203,22 @@ class AlignmentLessons:
         off: list[str] = []
         since = math.inf
         for other in self.cameras:
-            pair = self._pair(camera, other) if other != camera else None
+            pair = self._pairs.said(camera, other) if other != camera else None
             if pair is None:
                 continue
             if not pair.off:
                 return [], math.inf
-            others = (self._pair(other, third) for third in self.cameras if third not in (camera, other))
+            others = (self._pairs.said(other, third) for third in self.cameras if third not in (camera, other))
             borne_out = any(third is not None and not third.off for third in others)
             if borne_out or (impossible and self._blocked.reading(other) is None):
                 off.append(other)
                 since = min(since, pair.since)
         return off, since
 
-    def _pair(self, one: str, other: str) -> _Pair | None:
-        """Return what two cameras say of each other now; None where too little was seen by both."""
-        key = _key(one, other)
-        snapshots = self._snapshots.get(key)
-        if not snapshots:
-            return None
-        newest = snapshots[-1].t
-        judged = self._pairs.get(key)
-        if judged is None or newest >= judged[0] + LOOK_EVERY:
-            pair = _judge(list(snapshots))
-            if pair is None:
-                return None
-            judged = self._pairs[key] = (newest, pair)
-        return judged[1]
-
     def _propose(
         self, camera: str, witnesses: Sequence[str], since: float, now: float, until: float
     ) -> Proposal | None:
-        seen = list(itertools.chain(*(self._of(camera, other) for other in witnesses)))
+        seen = list(itertools.chain(*(self._pairs.of(camera, other) for other in witnesses)))
         seen = sorted((one for one in seen if one.t >= since), key=lambda one: one.t)
         taught = [one for one in seen if one.t <= until][-TAUGHT * len(witnesses) :]
         judges = [one for one in seen if one.t > until]
@@ -293,7 +228,7 @@ class AlignmentLessons:
         places = np.concatenate([one.ours for one in taught])
         if not _allowed(found, places):
             return None
-        mean, margin = _gain(judges, found)
+        mean, margin = gain_of(judges, found)
         margin = max(margin, MENDED)
         if mean <= margin:
             return None
@@ -320,35 +255,6 @@ class AlignmentLessons:
             reason=reason,
         )
 
-    def _of(self, camera: str, other: str) -> list[Snapshot]:
-        kept = self._snapshots[_key(camera, other)]
-        if camera < other:
-            return list(kept)
-        return [Snapshot(one.t, one.theirs, one.ours) for one in kept]
-
-
-def _judge(snapshots: Sequence[Snapshot]) -> _Pair | None:
-    recent = snapshots[-RECENT:]
-    found = register(recent) if len(recent) >= LEAST else None
-    if found is None:
-        return None
-    places = np.concatenate([one.ours for one in recent])
-    offset = float(np.median(np.linalg.norm(moved(found, places) - places, axis=1)))
-    mean, margin = _gain(recent, found)
-    if offset < OFF or mean < margin:
-        return _Pair(False, offset, math.inf)
-    # It began where, from there on, the correction was the better of the two (a cumulative sum).
-    better = np.cumsum(explained(snapshots, found) - explained(snapshots, np.eye(3)))
-    since = snapshots[min(int(np.argmin(better)) + 1, len(snapshots) - 1)].t if better.min() < 0.0 else snapshots[0].t
-    return _Pair(True, offset, since)
-
-
-def _gain(snapshots: Sequence[Snapshot], homography: Array) -> tuple[float, float]:
-    """Return the gain of a correction over none, nats per detection, and what it must exceed."""
-    nats = explained(snapshots, homography) - explained(snapshots, np.eye(3))
-    blocks = np.array([block.mean() for block in np.array_split(nats, max(2, len(nats) // BLOCK))])
-    return float(nats.mean()), max(LEAST_GAIN, SURE * float(blocks.std(ddof=1)) / math.sqrt(len(blocks)))
-
 
 def _allowed(found: Array, places: Array) -> bool:
     """Whether a correction is no more than a knock, by how far it shifts, turns and stretches."""
@@ -364,11 +270,7 @@ def _allowed(found: Array, places: Array) -> bool:
     )
 
 
-def _key(one: str, other: str) -> tuple[str, str]:
-    return (one, other) if one < other else (other, one)
-
-
-def _median(pairs: Mapping[str, _Pair]) -> float:
+def _median(pairs: Mapping[str, Pair]) -> float:
     return float(np.median([pair.offset for pair in pairs.values()]))
 
 

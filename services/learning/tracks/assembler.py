@@ -17,6 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from services.learning.tracks.along import along
+from services.learning.tracks.crowd import Crowd, followed_in, others_of
 from services.learning.tracks.phones import PhoneRows, Phones
 from services.learning.tracks.stretch import Stretch
 from shared.messages import MotionBatch, RadioScan, Revision, TrackFrame
@@ -29,10 +31,6 @@ PAUSE = 1.0
 """Seconds without the name after which a track that bears it again begins a new stretch."""
 SHORTEST = 2.0
 """Seconds; what is shorter teaches nothing."""
-OTHERS = 64
-"""Other tracks told of in a stretch, the nearest ones …"""
-OTHERS_EVERY = 1.0
-"""… and seconds between two of their places."""
 LATE = 240.0
 """Seconds by which ``close`` may be called late and nothing said is lost."""
 SAME = 1e-6
@@ -43,15 +41,11 @@ Point = tuple[float, int, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True)
-class _Crowd:
-    """Everybody at one time: (n,) track ids in ascending order, seen or not, what cameras said since the last, and
-    (n, 2) where they are."""
+class _Seen(Crowd):
+    """Also (n,) who was seen, and what cameras said since the last."""
 
-    t: float
-    track: NDArray[np.int64]
     seen: NDArray[np.bool_]
     sight: Array
-    place: Array
 
 
 class StretchAssembler:
@@ -68,7 +62,7 @@ class StretchAssembler:
         self._window, self._settle, self._every = window, settle, every
         self._phones = Phones(points, window + settle + LATE)
         self._points: dict[str, list[Point]] = {}
-        self._crowd: deque[_Crowd] = deque()
+        self._crowd: deque[_Seen] = deque()
         self._pending: dict[int, float] = {}
         self._last = -math.inf
 
@@ -82,18 +76,10 @@ class StretchAssembler:
             return
         self._last = frame.t
         self._phones.take_time(frame.t)
-        followed = [row for row, state in enumerate(frame.state) if state != "unseen"]
-        followed.sort(key=lambda row: frame.track[row])
-        ids = [frame.track[row] for row in followed]
-        self._crowd.append(
-            _Crowd(
-                frame.t,
-                np.array(ids, np.int64),
-                np.array([frame.state[row] == "confirmed" for row in followed], np.bool_),
-                np.array([self._pending.get(track, 0.0) for track in ids]),
-                np.array([(frame.x[row], frame.y[row]) for row in followed], float).reshape(-1, 2),
-            )
-        )
+        followed, ids, places = followed_in(frame)
+        seen = np.array([frame.state[row] == "confirmed" for row in followed], np.bool_)
+        spoken = np.array([self._pending.get(track, 0.0) for track in ids.tolist()])
+        self._crowd.append(_Seen(frame.t, ids, places, seen, spoken))
         self._pending.clear()
         for row in followed:
             device = frame.device[row]
@@ -185,59 +171,18 @@ class StretchAssembler:
         place = table[:, 2:4]
         covariance = table[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
         seen, sight = self._sight(track, t)
-        readings = np.array(_between(phone.readings, t[0], t[-1]), float).reshape(-1, 3)
-        steps = np.array(_between(phone.steps, t[0], t[-1]), float).reshape(-1, 7)
-        other, other_t, other_place = self._others(track, t, place)
-        where = np.column_stack([np.interp(readings[:, 0], t, place[:, axis]) for axis in (0, 1)])
-        spread = np.sqrt(0.5 * (covariance[:, 0, 0] + covariance[:, 1, 1]))
-        return Stretch(
-            device=device,
-            track=track,
-            t=t,
-            place=place,
-            covariance=covariance,
-            probability=table[:, 7],
+        return along(
+            device,
+            phone,
+            track,
+            t,
+            place,
+            covariance,
+            table[:, 7],
             seen=seen,
             sight=sight,
-            scan_t=readings[:, 0],
-            point=readings[:, 1].astype(np.int64),
-            level=readings[:, 2],
-            scan_place=where,
-            scan_spread=np.interp(readings[:, 0], t, spread),
-            step_t=steps[:, 0],
-            length=steps[:, 1],
-            length_variance=steps[:, 2],
-            heading=steps[:, 3],
-            heading_variance=steps[:, 4],
-            walk=steps[:, 5].astype(np.int64),
-            still=np.array(_between(phone.still, t[0], t[-1]), float).reshape(-1, 2),
-            other=other,
-            other_t=other_t,
-            other_place=other_place,
-            magnetic=steps[:, 6],
+            others=others_of(self._crowd, track, t, place),
         )
-
-    def _others(self, track: int, t: Array, place: Array) -> tuple[NDArray[np.int64], Array, Array]:
-        """Return ids (m,), times (k,) and places (m, k, 2) of the tracks nearest to one that was at ``place``."""
-        crowds: list[_Crowd] = []
-        for crowd in self._crowd:
-            due = not crowds or crowd.t >= crowds[-1].t + OTHERS_EVERY - SAME
-            if due and t[0] - SAME <= crowd.t <= t[-1] + SAME:
-                crowds.append(crowd)
-        if not crowds:
-            return np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 0, 2))
-        ids = np.unique(np.concatenate([crowd.track for crowd in crowds]))
-        times = np.array([crowd.t for crowd in crowds])
-        places = np.full((len(ids), len(crowds), 2), np.nan)
-        for number, crowd in enumerate(crowds):
-            places[np.searchsorted(ids, crowd.track), number] = crowd.place
-        own = np.column_stack([np.interp(times, t, place[:, axis]) for axis in (0, 1)])
-        away = ((places - own) ** 2).sum(axis=2)
-        alive = np.isfinite(away)
-        score = np.where(alive, away, 0.0).sum(axis=1) / np.maximum(alive.sum(axis=1), 1)
-        score[ids == track] = np.inf
-        nearest = np.sort(np.argsort(score, kind="stable")[: min(OTHERS, len(ids) - int((ids == track).any()))])
-        return ids[nearest], times, places[nearest]
 
     def _sight(self, track: int, t: Array) -> tuple[NDArray[np.bool_], Array]:
         """Return whether cameras saw the track at (n,) times, and the nats they spoke for it since the time before."""
@@ -245,13 +190,9 @@ class StretchAssembler:
         for crowd in self._crowd:
             if not t[0] - SAME <= crowd.t <= t[-1] + SAME:
                 continue
-            row = int(np.searchsorted(crowd.track, track))
-            if row < len(crowd.track) and crowd.track[row] == track:
+            row = crowd.row_of(track)
+            if row is not None:
                 at = int(np.searchsorted(t, crowd.t - SAME))
                 seen[at] = seen[at] or crowd.seen[row]
                 sight[at] += crowd.sight[row]
         return seen, sight
-
-
-def _between(rows: Sequence[tuple[float, ...]], first: float, last: float) -> Sequence[tuple[float, ...]]:
-    return rows[bisect_left(rows, (first - SAME,)) : bisect_left(rows, (last + SAME,))]

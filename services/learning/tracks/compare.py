@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.learning.tracks.radio_evidence import Fit, RadioBelief, expected_at, gather, radio_fit
+from services.learning.tracks.radio_evidence import Fit, RadioBelief, gather, radio_fit
 from services.learning.tracks.stretch import Stretch
 from services.learning.tracks.walk_evidence import walk_fit, walked_of
-from shared.radio import PathLoss, ShadowingMap
+from shared.radio import PathLoss, ShadowingMap, expected_level
 
 __all__ = ["Comparison", "compare"]
 
@@ -112,7 +112,8 @@ def compare(
     fit = None
     if read.any():
         heard = gather(stretch.scan_t[read], stretch.point[read], stretch.level[read], steps[0], steps[1])
-        fit = radio_fit(heard, expected_at(_at(paths, t, heard.t), heard.point, radio, shadowing), belief)
+        expected, _ = expected_level(_at(paths, t, heard.t), heard.point, radio, shadowing)
+        fit = radio_fit(heard, expected, belief)
     return Comparison(
         seconds=float(end - begin),
         radio=np.zeros(len(paths)) if fit is None else fit.gain,

@@ -19,10 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from shared.radio import PathLoss, ShadowingMap
-from shared.radio.path_loss import DEVICE_HEIGHT, NEAREST
+from shared.radio import Nowhere
 
-__all__ = ["Fit", "Gathered", "RadioBelief", "expected_at", "gather", "radio_fit"]
+__all__ = ["Fit", "Gathered", "RadioBelief", "gather", "radio_fit"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -35,10 +34,6 @@ WHITE = 2.0
 """dB, of one reading."""
 COMMON = 2.0
 """dB, of all readings of a second."""
-NOWHERE_MEMORY = 7.0
-"""Seconds after which what somebody hears who is carried about is no longer like before."""
-LEAST_SPREAD = 3.0
-"""dB; nothing without places predicts a reading better."""
 
 
 @dataclass(frozen=True)
@@ -50,16 +45,14 @@ class RadioBelief:
         bias_variance: dB², of it.
         device: dB by which the device reads too much, and ``device_variance`` dB².
         device_variance: see above.
-        level: dBm, mean of each access point's readings wherever they are made, and ``spread`` dB about it.
-        spread: see above.
+        nowhere: each access point's readings wherever they are made.
     """
 
     bias: Array
     bias_variance: Array
     device: float
     device_variance: float
-    level: Array
-    spread: Array
+    nowhere: Nowhere
 
 
 @dataclass(frozen=True)
@@ -119,16 +112,6 @@ def gather(t: Array, point: Integers, level: Array, step_t: Array, length: Array
     )
 
 
-def expected_at(places: Array, point: Integers, radio: PathLoss, shadowing: ShadowingMap | None) -> Array:
-    """Return dBm (k, r) expected of r readings of access points ``point`` at (k, r, 2) places."""
-    anchor = radio.positions[point]
-    squared = ((places - anchor[:, :2]) ** 2).sum(axis=2) + (anchor[:, 2] - DEVICE_HEIGHT) ** 2
-    level: Array = radio.power_1m[point] - radio.exponent[point] * 5.0 * np.log10(np.maximum(squared, NEAREST**2))
-    if shadowing is not None:
-        level += _shadowed(places, point, shadowing)
-    return level
-
-
 def radio_fit(heard: Gathered, expected: Array, belief: RadioBelief) -> Fit:
     """Return how well the readings fit k paths.
 
@@ -157,9 +140,8 @@ def radio_fit(heard: Gathered, expected: Array, belief: RadioBelief) -> Fit:
         placed.add(solved, float(np.log(np.diag(lower)).sum()), float(belief.bias_variance[point]))
         weight = float(solved[:, 0] @ solved[:, 0])
         offset[:, point], offset_variance[point] = solved[:, 0] @ solved[:, 1:] / weight, 1.0 / weight
-        spread = max(float(belief.spread[point]), LEAST_SPREAD)
-        lower = np.linalg.cholesky(spread**2 * np.exp(-apart / NOWHERE_MEMORY) + np.diag(white))
-        column = np.column_stack([np.ones(len(rows)), heard.level[rows] - belief.level[point]])
+        lower = np.linalg.cholesky(belief.nowhere.covariance(t, heard.point[rows], white))
+        column = np.column_stack([np.ones(len(rows)), heard.level[rows] - belief.nowhere.level[point]])
         nowhere.add(solve_triangular(lower, column, lower=True), float(np.log(np.diag(lower)).sum()), 0.0)
         if len(rows) > 2:
             bend = heard.level[rows][1:-1] - 0.5 * (heard.level[rows][:-2] + heard.level[rows][2:])
@@ -200,19 +182,3 @@ class _Marginal:
         c = self._squares - 2.0 * mean * self._cross + mean * mean * a
         squares = c - variance / (1.0 + variance * a) * b * b
         return -0.5 * squares - self._half_log_det - 0.5 * math.log1p(variance * a), squares
-
-
-def _shadowed(places: Array, point: Integers, shadowing: ShadowingMap) -> Array:
-    """Return (k, r) dB of the map at (k, r, 2) places, each of its own access point alone; bilinear between cells."""
-    rows, columns = shadowing.mean.shape[1:]
-    spot = (places - shadowing.origin) / shadowing.cell
-    x = np.minimum(np.maximum(spot[..., 0], 0.0), columns - 1.0)
-    y = np.minimum(np.maximum(spot[..., 1], 0.0), rows - 1.0)
-    left, below = x.astype(np.int64), y.astype(np.int64)
-    right, above = np.minimum(left + 1, columns - 1), np.minimum(below + 1, rows - 1)
-    u, v = x - left, y - below
-    grid = shadowing.mean
-    low = (1.0 - u) * grid[point, below, left] + u * grid[point, below, right]
-    high = (1.0 - u) * grid[point, above, left] + u * grid[point, above, right]
-    found: Array = (1.0 - v) * low + v * high
-    return found

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.learning.tracks.radio_evidence import Fit, RadioBelief
+from shared.radio import Nowhere
 
 __all__ = ["RadioHabits"]
 
@@ -59,9 +60,9 @@ class RadioHabits:
         count = self._weight + 1.0
         mean = (self._sum + UNKNOWN[0]) / count
         square = (self._squares + UNKNOWN[0] ** 2 + UNKNOWN[1] ** 2) / count
-        return RadioBelief(
-            self._bias, self._variance, offset, variance, mean, np.sqrt(np.maximum(square - mean**2, 0.0))
-        )
+        # Taken whole, phones' own offsets and quick noise among it: without these quality followed errors less.
+        nowhere = Nowhere.of(mean, square - mean**2)
+        return RadioBelief(self._bias, self._variance, offset, variance, nowhere)
 
     def hear(self, point: Integers, level: Array) -> None:
         """Take in the readings (r,) of a stretch, wherever it was: each access point's count as one, together."""

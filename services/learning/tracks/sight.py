@@ -1,12 +1,13 @@
 """How much do cameras speak for each track? The incremental log-likelihood ratio of its detections.
 
-After [ravel-thesis §8.1, Eq. 5.1]: a detection that fed a track counts log N(detection; predicted, S) · p_d / clutter,
-a look at its place without one log(1 − p_d), no look nothing. Predicted means from the frame before: the place a track
+By the terms of [ravel-thesis §8.1, Eq. 5.1] (``shared.sight_nats``), for detections that fed the track; no look counts
+nothing. Predicted means from the frame before: the place a track
 is told at has already taken the detection in. The sheet looks once a second, and what a detector gets wrong lasts about
 as long; so a look counts for the time since the camera's look before, and a score does not depend on the frame rate.
 
 p_d and clutter are counted per camera as frames come, with forgetting; so is by how much innovations are larger than
-what tracker and camera say of them.
+what tracker and camera say of them. Fusion's ``rescore/sight.py`` uses the same terms and fixes all of that, because it
+compares detectors: here tracks are compared, and what is usual of the cameras in use is to be taken off.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from shared.messages import DetectionFrame, TrackFrame
+from shared.sight_nats import assigned_nats, missed_nats, off_by
 from shared.site import ViewMap
 
 __all__ = ["SightScore"]
@@ -190,7 +192,7 @@ class SightScore:
         for index, (name, frame, stands) in enumerate(looked):
             camera = self._cameras[name]
             missed = ~fed[index] & (self._views[name].depth_at(now.place) > EDGE)
-            gain[missed] += stands / CYCLE * math.log(1.0 - camera.detected)
+            gain[missed] += stands / CYCLE * missed_nats(camera.detected)
             seen = float(np.count_nonzero(fed[index]))
             camera.looks += stands
             camera.seen += stands * seen
@@ -229,13 +231,12 @@ class SightScore:
         scale = np.array([self._cameras[name].scale for name, _, _ in looked])[which]
         xx, xy, yy = (before.covariance[:, at] + detection[:, 2:5].T) * scale
         xx, yy = xx + spread, yy + spread
-        determinant = np.maximum(xx * yy - xy * xy, 1e-8)
-        u, v = innovation.T
-        squared = (yy * u * u - 2.0 * xy * u * v + xx * v * v) / determinant
+        squared, log_determinant = off_by(innovation[:, 0], innovation[:, 1], xx, xy, yy)
         believed = np.minimum(squared, MOST_SIGMAS**2)
         seconds = np.array([stands for _, _, stands in looked])
-        ratio = np.array([math.log(self._cameras[n].detected / self._cameras[n].density) for n, _, _ in looked])
-        nats = ratio[which] - 0.5 * (believed + np.log(determinant)) - math.log(2.0 * math.pi)
+        detected = np.array([self._cameras[name].detected for name, _, _ in looked])
+        clutter = np.array([self._cameras[name].density for name, _, _ in looked])
+        nats = assigned_nats(believed, log_determinant, detected[which], clutter[which])
         np.add.at(gain, rows, seconds[which] / CYCLE * nats)
         for index, (name, _, stands) in enumerate(looked):
             mine = which == index

@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from benchmarks.device_minutes import device_minutes
 from benchmarks.fusion_run import FusionRun
 from benchmarks.learning_checks import true_run
-from benchmarks.stretch_quality import device_minutes
 from benchmarks.world_record import WorldRecord
 from benchmarks.world_run import load, record_world
 from shared.messages import TrackFrame

@@ -222,4 +222,4 @@ def test_corrections_in_use_survive_and_memory_is_bounded() -> None:
     for second in range(1200):
         for camera in ("east", "middle"):
             other.take_frame(_frame(T0 + second, camera, np.array([[1.0, 1.0]])))
-    assert len(other._snapshots["east", "middle"]) <= 901
+    assert len(other._pairs.of("east", "middle")) <= 901
