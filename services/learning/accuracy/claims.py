@@ -18,7 +18,10 @@ __all__ = ["Claim", "claim_of"]
 Array = NDArray[np.float64]
 
 TRUST = 0.6
-"""Share of the nats that is believed: noise that is not Gaussian makes them too large."""
+"""Share of the nats that is believed, one place against another: noise that is not Gaussian makes them too large."""
+HEEDED = 0.3
+"""Share of the ratio that is believed, right against wrong: of names that what came afterwards contradicts by more than
+6 nats half are right all the same, mostly because the track passed from one person to another meanwhile."""
 ELSEWHERE = 0.3
 """Probability, of a wrong name, that its phone is where no camera looks."""
 NEAR = 2.0
@@ -36,7 +39,8 @@ class Claim:
         t: seconds since the epoch.
         told: probability of the name being right, as fusion said.
         variance: m², of the track's place, both axes together.
-        ratio: log-likelihood of what the phone said in the next seconds with the name right, less that with it wrong.
+        ratio: log-likelihood of what the phone said in the next seconds with the name right, less that with it wrong,
+            as far as it is believed.
         away: (k,) metres from the track to where the phone else may have been.
         weight: (k,) how likely each of these is if the name is wrong; sum 1.
     """
@@ -85,7 +89,7 @@ def claim_of(
         t=float(after.t[0]),
         told=float(after.probability[0]),
         variance=float(np.trace(after.covariance[0])),
-        ratio=TRUST * float(compared.total[0]) - wrong,
+        ratio=HEEDED * (TRUST * float(compared.total[0]) - wrong),
         away=away[likeliest],
         weight=weight[likeliest] / weight[likeliest].sum(),
     )

@@ -10,7 +10,7 @@ from fusion_world import make_site
 from numpy.typing import NDArray
 from unit.learning.walking_crowd import POINTS, Crowd
 
-from services.learning.accuracy.claims import Claim
+from services.learning.accuracy.claims import Claim, claim_of
 from services.learning.accuracy.name_shares import right_probabilities
 from services.learning.accuracy.self_report import SelfReport
 from services.learning.tracks.quality import QualityJudge
@@ -34,6 +34,24 @@ def test_the_share_of_right_names_is_found_though_fusion_told_another(right: flo
 def test_without_evidence_what_fusion_told_stands() -> None:
     told = np.array([0.55, 0.7, 0.8, 0.95])
     np.testing.assert_allclose(right_probabilities(told, np.zeros(4)), told)
+
+
+def test_a_track_that_passes_to_somebody_else_later_does_not_decide_that_its_name_was_wrong() -> None:
+    ratios: dict[str, list[float]] = {"right": [], "wrong": [], "passed on": []}
+    for seed in range(8):
+        crowd = Crowd(seed, seconds=20)
+        crowd.bias[:] = 0.0
+        early = crowd.t[:, None] < 6.0
+        ways = {"right": None, "wrong": crowd.paths[1], "passed on": np.where(early, crowd.paths[0], crowd.paths[1])}
+        for kind, way in ways.items():
+            stretch = crowd.stretch(0, 1 if kind == "wrong" else None, path=way)
+            judge = QualityJudge(POINTS)
+            claim = claim_of(stretch, crowd.radio, None, judge.belief("phone-0"), np.zeros((0, 2)))
+            ratios[kind].append(claim.ratio)
+            assert claim.weight.sum() == pytest.approx(1.0)
+    right, wrong, passed = (np.median(ratios[kind]) for kind in ("right", "wrong", "passed on"))
+    assert right > 3.0
+    assert wrong < -6.0 < passed
 
 
 def _frame(t: float, places: NDArray[np.float64], names: list[str | None]) -> TrackFrame:
