@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 TRUST = 0.6
 """Share of the nats that is believed, one place against another: noise that is not Gaussian makes them too large."""
 HEEDED = 0.3
-"""Share of the ratio that is believed, right against wrong: of names that what came afterwards contradicts by more than
-6 nats half are right all the same, mostly because the track passed from one person to another meanwhile."""
+"""Share of the ratio that is believed, right against wrong: a track may pass to somebody else within the time, and then
+what its phone says contradicts a name that was right."""
 ELSEWHERE = 0.3
 """Probability, of a wrong name, that its phone is where no camera looks."""
 NEAR = 2.0

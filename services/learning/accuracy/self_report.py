@@ -33,8 +33,8 @@ __all__ = ["SelfReport"]
 
 Array = NDArray[np.float64]
 
-HORIZON = 20.0
-"""Seconds after a name was told whose evidence judges it."""
+HORIZON = 8.0
+"""Seconds after a name was told whose evidence judges it: later tracks pass to others, and a right name looks wrong."""
 LATE = 8.0
 """Seconds waited for what phones tell late."""
 KEPT = 2.0 * (HORIZON + LATE)
