@@ -9,7 +9,7 @@ included.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import astuple, replace
 from typing import Any, ClassVar, Literal, cast
 
 import cv2
@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from services.camera.detector import Detections, Image
+from services.camera.person_sizes import PersonSizes
+from services.camera.size_prior import SizePrior
 from services.camera.splitting import PersonTemplates
 from shared.site import CameraGeometry
 
@@ -53,6 +55,12 @@ class ForegroundOptions(BaseModel):
     shadow_ratio: float = Field(0.6, gt=0, lt=1, description="down to this share of the light it is a shadow")
     person_height: float = Field(1.75, ge=0.5, le=2.5, description="metres")
     person_width: float = Field(0.4, ge=0.2, le=1.5, description="metres")
+    height_scale: float = Field(1.0, ge=0.5, le=2.0, description="how tall people look, expected heights")
+    height_scale_right: float = Field(
+        0.0, ge=-0.5, le=0.5, description="logarithm by which that is larger at the right edge of the picture"
+    )
+    height_scale_down: float = Field(0.0, ge=-0.5, le=0.5, description="the same at its lower edge")
+    width_scale: float = Field(1.0, ge=0.5, le=2.0, description="how wide people look, expected widths")
     density: float = Field(0.3, gt=0, lt=1, description="filled share of a person's patch that still means nothing")
     least_gain: float = Field(0.1, gt=0, lt=1, description="how much more of the patch must be filled")
     picture_width: int = Field(960, ge=64, description="wider pictures are shrunk to this before anything else, pixels")
@@ -75,18 +83,25 @@ class ForegroundDetector:
         self._size = _within(width, height, self._options.picture_width)
         self._mask_size = _within(*self._size, self._options.mask_width)
         self._scale = np.array([width, height], float) / self._mask_size
-        self._templates = PersonTemplates.build(
-            geometry.scaled_to(*self._mask_size),
-            self._options.person_height,
-            self._options.person_width,
-            self._options.density,
-        )
+        self._geometry = geometry.scaled_to(*self._mask_size)
+        self._templates = self._built(self._options)
+        self.forget_sizes()
         self.reset()
 
     @property
     def state(self) -> Literal["learning", "ready"]:
         """``learning`` during the first five seconds, while the background still holds whoever stood there at first."""
         return "ready" if self._seen > 1 and self._last - self._first >= LEARNING else "learning"
+
+    @property
+    def learned_sizes(self) -> dict[str, float]:
+        """How tall and wide people were seen to be, as options; empty while too few walked."""
+        learned = self._sizes.learned()
+        return {} if learned is None else dict(zip(_SCALES, astuple(learned), strict=True))
+
+    def forget_sizes(self) -> None:
+        """Forget how tall and wide people were seen to be."""
+        self._sizes = PersonSizes(self._geometry, self._options.person_height, self._options.person_width)
 
     def reset(self) -> None:
         """Forget the background."""
@@ -111,6 +126,8 @@ class ForegroundDetector:
         """Go on with other ``options`` and the background as learned; False, and nothing is changed, if it cannot."""
         if any(getattr(options, name) != getattr(self._options, name) for name in _BUILT_FOR):
             return False
+        if any(getattr(options, name) != getattr(self._options, name) for name in _SCALES):
+            self._templates = self._built(options)
         self._options = options
         self._model.setVarThreshold(options.sensitivity)
         self._model.setShadowThreshold(options.shadow_ratio)
@@ -127,7 +144,16 @@ class ForegroundDetector:
             self._seen = 1  # learn afresh, as fast as at the start
             self._first = t
             return Detections.none()
-        return self._in_picture(self._templates.split(self.mask.copy(), self._options.least_gain))
+        found = self._templates.split(self.mask.copy(), self._options.least_gain)
+        if self.state == "ready":
+            self._sizes.take(self.mask, found, t)
+        return self._in_picture(found)
+
+    def _built(self, options: ForegroundOptions) -> PersonTemplates:
+        prior = SizePrior(*(getattr(options, name) for name in _SCALES))
+        return PersonTemplates.build(
+            self._geometry, options.person_height, options.person_width, options.density, prior
+        )
 
     def _shrunk(self, image: Image) -> Image:
         if (image.shape[1], image.shape[0]) == self._size:
@@ -182,6 +208,8 @@ def _sampled(image: Image) -> NDArray[np.float32]:
     return image[GAIN_STEP // 2 :: GAIN_STEP, GAIN_STEP // 2 :: GAIN_STEP].astype(np.float32)
 
 
+_SCALES = ("height_scale", "height_scale_right", "height_scale_down", "width_scale")
+"""Options that make a ``SizePrior``, in its order."""
 _BUILT_FOR = ("person_height", "person_width", "picture_width", "mask_width")
 _CLOSING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 5))
 

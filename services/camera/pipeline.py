@@ -50,6 +50,11 @@ class Pipeline:
         return {name: float(value) for name, value in told.items() if isinstance(value, int | float)}
 
     @property
+    def learned_sizes(self) -> dict[str, float]:
+        """How tall and wide people were seen to be, as options; empty while too few walked, or it cannot tell."""
+        return dict(getattr(self._detector, "learned_sizes", {}))
+
+    @property
     def doubt(self) -> str:
         """Why positions may be wrong, in plain words; empty when there is no reason."""
         if self._size is None:
@@ -101,6 +106,12 @@ class Pipeline:
         prime = getattr(self._detector, "prime", None)
         if prime is not None:
             prime(empty)
+
+    def forget_sizes(self) -> None:
+        """Forget how tall and wide people are: the camera looks elsewhere."""
+        forget = getattr(self._detector, "forget_sizes", None)
+        if forget is not None:
+            forget()
 
     def reset(self) -> None:
         """Forget what was seen: the next picture does not follow the last one."""

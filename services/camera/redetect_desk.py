@@ -42,6 +42,7 @@ class RedetectDesk:
         ring: the last minutes' pictures.
         empty: returns the scene without people, or None while it is not known.
         alignment: returns the learned correction of the plan (3, 3) in use, and its version.
+        sizes: returns how tall and wide people were seen to be, as options; empty while that is not known.
         doubt: returns why the view cannot teach, in plain words; empty where it can.
         patience: seconds a trial may take.
     """
@@ -55,6 +56,7 @@ class RedetectDesk:
         ring: FrameRing,
         empty: Callable[[], Image | None],
         alignment: Callable[[], tuple[NDArray[np.float64], int]],
+        sizes: Callable[[], Mapping[str, float]],
         doubt: Callable[[], str],
         patience: float,
     ) -> None:
@@ -63,6 +65,7 @@ class RedetectDesk:
         self._ring = ring
         self._empty = empty
         self._alignment = alignment
+        self._sizes = sizes
         self._doubt = doubt
         self._patience = patience
         self._free = threading.Lock()
@@ -111,6 +114,7 @@ class RedetectDesk:
                 begin,
                 end,
                 *self._alignment(),
+                self._sizes(),
             )
             question.answer(self._run(job, kept))
             self._ring.ask()  # the next question's patience begins now

@@ -43,7 +43,8 @@ class Redetected(msgspec.Struct, frozen=True, kw_only=True):
     """The answer: frames as the camera would have published them, from ``since`` to ``until``, and how many a second.
 
     ``seconds`` is the time they span; ``options`` what was worked with, all of it; ``alignment`` the version of the
-    learned correction of the calibration; ``took`` what finding them cost.
+    learned correction of the calibration; ``sizes`` how tall and wide people were seen to be, as options, empty while
+    too few walked; ``took`` what finding them cost.
     """
 
     frames: list[DetectionFrame]
@@ -53,6 +54,7 @@ class Redetected(msgspec.Struct, frozen=True, kw_only=True):
     rate: float
     options: dict[str, float]
     alignment: int = 0
+    sizes: dict[str, float] = {}
     took: float = 0.0
 
 
@@ -71,6 +73,7 @@ class Job:
         until: nor after.
         homography: (3, 3) learned correction of the plan (``CameraAlignment``), as live detections go through.
         alignment: its version.
+        sizes: how tall and wide people were seen to be, as options; told with the answer.
     """
 
     camera: Camera
@@ -83,6 +86,7 @@ class Job:
     until: float
     homography: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
     alignment: int = 0
+    sizes: Mapping[str, float] = field(default_factory=dict)
 
 
 def read_question(
@@ -150,4 +154,5 @@ def redetect(job: Job, kept: Iterable[KeptFrame]) -> Redetected:
         rate=(len(frames) - 1) / seconds if seconds > 0.0 else 0.0,
         options=pipeline.options,
         alignment=job.alignment,
+        sizes=dict(job.sizes),
     )

@@ -82,6 +82,7 @@ class CameraService(Service[CameraSettings]):
             self._ring,
             lambda: self._scene.picture,
             lambda: (self._alignment, self._aligned.used),
+            lambda: self._pipeline.learned_sizes,
             lambda: self._watch.verdict or self._pipeline.doubt,
             settings.redetect_patience,
         )
@@ -189,6 +190,7 @@ class CameraService(Service[CameraSettings]):
         if self._watch.take(frame.image, frame.t) and self._watch.verdict:
             self._ring.clear()
             self._scene.forget()
+            self._pipeline.forget_sizes()
         if not self._watch.verdict:
             self._ring.offer(frame.image, frame.t)
             if self._scene.take(frame.image, found.boxes, frame.t) and self._source.live:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.camera.detector import Detections
+from services.camera.size_prior import SizePrior
 from shared.site import CameraGeometry
 
 __all__ = ["PersonTemplates"]
@@ -79,8 +80,14 @@ class PersonTemplates:
     density: float
 
     @classmethod
-    def build(cls, geometry: CameraGeometry, height: float, width: float, density: float) -> PersonTemplates:
-        """Return the patches of people ``height`` tall and ``width`` wide, metres, in the geometry's pictures."""
+    def build(
+        cls, geometry: CameraGeometry, height: float, width: float, density: float, prior: SizePrior | None = None
+    ) -> PersonTemplates:
+        """Return the patches of people ``height`` tall and ``width`` wide, metres, in the geometry's pictures.
+
+        ``prior`` says by how much people look taller or smaller than that at each place; None: nowhere.
+        """
+        prior = prior or SizePrior()
         columns, rows = geometry.image_size
         margin = MARGIN * rows
         u, v = np.meshgrid(np.arange(-margin, columns + margin, STRIDE), np.arange(0.0, rows + margin, STRIDE))
@@ -90,7 +97,9 @@ class PersonTemplates:
         keep = distance < FARTHEST  # NaN, above the horizon, compares false
         feet, ground = feet[keep], ground[keep]
 
-        levels = np.linspace(0.0, height, SLICES + 1)
+        tall = height * prior.heights(feet, geometry.image_size)
+        width = width * prior.width
+        levels = np.linspace(0.0, 1.0, SLICES + 1)[:, None] * tall
         axis = np.stack([_at_height(geometry, ground, level) for level in levels], axis=1)
         middle = 0.5 * (axis[:, 1:] + axis[:, :-1])
         reach = 0.5 * np.abs(axis[:, 1:] - axis[:, :-1])
@@ -104,7 +113,7 @@ class PersonTemplates:
 
         full = np.prod(boxes[..., 2:] - boxes[..., :2], axis=2).sum(axis=1)
         limit = np.array([columns, rows, columns, rows], float)
-        deep = np.maximum(np.rint(_at_height(geometry, ground, -BENEATH * height)[:, 1]), hulls[:, 3])
+        deep = np.maximum(np.rint(_at_height(geometry, ground, -BENEATH * tall)[:, 1]), hulls[:, 3])
         under = np.clip(np.stack([boxes[:, 0, 0], hulls[:, 3], boxes[:, 0, 2], deep], axis=1), 0.0, limit)
         slices = boxes
         boxes = np.clip(boxes, 0.0, limit)
@@ -251,12 +260,12 @@ def _flat(boxes: Ints, columns: int) -> Ints:
     return np.concatenate(places, axis=1)
 
 
-def _at_height(geometry: CameraGeometry, ground: Floats, height: float) -> Floats:
-    return geometry.to_image(np.column_stack([ground, np.full(len(ground), height)]))
+def _at_height(geometry: CameraGeometry, ground: Floats, height: Floats) -> Floats:
+    return geometry.to_image(np.column_stack([ground, height]))
 
 
-def _disc_radii(geometry: CameraGeometry, ground: Floats, height: float, radius: float) -> Floats:
-    """Half-width and half-height (n, 2), pixels, of a level disc of ``radius`` metres at ``height`` over ``ground``."""
+def _disc_radii(geometry: CameraGeometry, ground: Floats, height: Floats, radius: float) -> Floats:
+    """Half-width and half-height (n, 2), pixels, of discs of ``radius`` metres at ``height`` (n,) over ``ground``."""
     sight = ground - geometry.position[:2]
     sight /= np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), 1e-9)
     centre = _at_height(geometry, ground, height)

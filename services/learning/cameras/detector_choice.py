@@ -4,7 +4,7 @@ After [ravel-thesis §8.2]: sweep the learning rate, re-run detector and tracker
 the value with the largest cumulative quality score. Here the sweep is coarse, then fine around the best; the curve is
 noisy, so a parabola in the logarithm is laid through its top, and what is active stays unless another value is better
 by more than the points scatter about a smooth curve, and than the score of both told apart minute by minute may be off.
-A second option is then swept about the winner.
+A second option is then swept about the winner, and the sizes of people that the camera measured are tried with it.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from services.learning.cameras.size_words import SIZES, size_words
 from services.learning.proposal import Proposal
 from shared.messages import DetectorSettings
 
@@ -102,6 +103,8 @@ class DetectorChoice:
         margin: what it had to be.
         curves: of each option that was swept.
         refused: why nothing could be said, in plain words; empty otherwise.
+        sizes: how people were measured to look, where that was tried.
+        sized: scores of that and of the sizes in use.
     """
 
     options: Mapping[str, float] = field(default_factory=dict)
@@ -109,6 +112,8 @@ class DetectorChoice:
     margin: float = 0.0
     curves: Sequence[Curve] = ()
     refused: str = ""
+    sizes: Mapping[str, float] = field(default_factory=dict)
+    sized: Mapping[str, float] = field(default_factory=dict)
 
     def proposal(self, camera: str, area: str, trained_until: float, active: Mapping[str, float]) -> Proposal | None:
         """Return the proposal for activation; None where nothing is to be changed.
@@ -126,13 +131,17 @@ class DetectorChoice:
             for curve in self.curves
             for value, score in zip(curve.value.tolist(), curve.score.tolist(), strict=True)
         }
-        changes = ", ".join(
+        changes = [
             f"{curve.option} {curve.active:.3g} → {self.options[curve.option]:.3g}"
             for curve in self.curves
             if curve.option in self.options
-        )
+        ]
+        evidence |= {f"score with sizes {name}": score for name, score in self.sized.items()}
+        sizes = {name: value for name, value in self.options.items() if name in SIZES}
+        if sizes:
+            changes.append(f"the sizes people were seen to have: {size_words(sizes)}")
         options = {**active, **self.options}
-        reason = f"people are followed better on the last minutes' pictures with {changes}"
+        reason = f"people are followed better on the last minutes' pictures with {', '.join(changes)}"
         return Proposal(
             kind="detector",
             subject=camera,
@@ -151,6 +160,7 @@ def choose_detector(
     redetect: Callable[[Mapping[str, float]], F | None],
     score: Callable[[F], Mapping[str, float] | None],
     sweeps: Sequence[Sweep] = SWEEPS,
+    sizes: Mapping[str, float] | None = None,
 ) -> DetectorChoice:
     """Return the options that score best.
 
@@ -163,6 +173,7 @@ def choose_detector(
             with how well people are followed), and ``error`` where it is known: the standard error of that score less
             the active options'. None: it cannot be told.
         sweeps: what is swept, in this order.
+        sizes: how tall and wide people were measured to be, as options, to be tried with the best of the others.
 
     Raises:
         ValueError: an active value is missing or not positive.
@@ -207,7 +218,20 @@ def choose_detector(
             continue
         current, gain, error = wanted, told - begin, max(error, apart)
         changed[sweep.option] = curve.best
-    return DetectorChoice(changed, gain, max(CONFIRMED * error, least), curves)
+    sized: dict[str, float] = {}
+    sizes = sizes or {}
+    if sizes:
+        wanted = {**current, **sizes}
+        told = tried(wanted)
+        apart = errors[tuple(sorted(wanted.items()))]
+        if told is not None:
+            sized = {"in use": begin + gain, "measured": told}
+            if told - begin > max(CONFIRMED * apart, gain + least):
+                gain, error = told - begin, max(error, apart)
+                changed |= sizes
+    return DetectorChoice(
+        changed, gain, max(CONFIRMED * error, least), curves, sizes=sizes if sized else {}, sized=sized
+    )
 
 
 def _swept(

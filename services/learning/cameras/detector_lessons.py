@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 
 from services.learning.cameras.detector_choice import SWEEPS, DetectorChoice, choose_detector
+from services.learning.cameras.size_words import differ, size_words
 from services.learning.proposal import Proposal
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
@@ -178,6 +179,8 @@ class DetectorLessons:
         self.words[camera] = choice.refused or (
             "its detector is set as well as can be told" if proposal is None else proposal.reason
         )
+        if choice.sizes and not choice.sizes.keys() <= choice.options.keys():
+            self.words[camera] += f"; {size_words(choice.sizes)}, but would be followed no better if that were used"
         return () if proposal is None else (proposal,)
 
     def _sweep(self, camera: str, active: Mapping[str, float]) -> tuple[DetectorChoice, float]:
@@ -207,7 +210,10 @@ class DetectorLessons:
                 return None
             return {"cqs": sight["candidate"], "error": sight.get("gain_error") or 0.0}
 
-        choice = choose_detector(in_use, redetect, score, sweeps)
+        sizes = dict(begin.get("sizes", {}))
+        known = all(name in begin["options"] for name in sizes)
+        tried = sizes if known and differ(sizes, begin["options"]) else None
+        choice = choose_detector(in_use, redetect, score, sweeps, tried)
         if not anybody:
             words = (
                 f"camera {camera} sees nobody in its last pictures, whatever its options: does it look into the room?"
@@ -234,6 +240,7 @@ class _Redetected(msgspec.Struct, frozen=True):
     until: float
     options: dict[str, float]
     alignment: int = 0
+    sizes: dict[str, float] = {}
 
 
 def _shows_anybody(told: Mapping[str, Any]) -> bool:

@@ -149,7 +149,10 @@ def test_adopted_settings_keep_the_background_where_they_can() -> None:
     with pytest.raises(DetectorError, match="least_gain"):
         pipeline.adopt({"least_gain": 5.0})
     assert len(pipeline.process(*film[46]).positions) == 1
-    pipeline.adopt({"person_height": 1.9})  # other templates: it begins anew
+    pipeline.adopt({"height_scale": 0.9, "height_scale_down": 0.1, "width_scale": 0.9})  # other templates only
+    assert pipeline.state == "ready"
+    assert len(pipeline.process(*film[47]).positions) == 1
+    pipeline.adopt({"person_height": 1.9})  # sizes are held against it: it begins anew
     assert pipeline.state == "learning"
 
 
