@@ -21,20 +21,19 @@ def differ(sizes: Mapping[str, float], active: Mapping[str, float]) -> bool:
 
 
 def size_words(sizes: Mapping[str, float]) -> str:
-    """Return how people look, for operators, such as "people look 6 % smaller than the site file says"."""
+    """Return how people look, for operators, such as "people look 6 % smaller than the camera is configured for"."""
     middle = math.log(sizes.get("height_scale", 1.0))
     right, down = sizes.get("height_scale_right", 0.0), sizes.get("height_scale_down", 0.0)
+    wide = math.log(sizes.get("width_scale", 1.0))
+    words = f"{_compared(middle, 'taller', 'smaller')} than" if abs(middle) >= LEAST else "as tall as"
+    words = f"people look {words} the camera is configured for"
     at = {name: middle + across * right + along * down for name, across, along in EDGES}
     most = max(at, key=lambda name: abs(at[name]))
-    words = f"people look {_compared(middle, 'taller', 'smaller')} than the camera is configured for"
     if abs(at[most] - middle) >= 2.0 * LEAST:
         words += f", most so at the {most} edge of its picture ({_compared(at[most], 'taller', 'smaller')})"
-    wide = math.log(sizes.get("width_scale", 1.0))
     return words + (f", and {_compared(wide, 'wider', 'narrower')}" if abs(wide) >= LEAST else "")
 
 
 def _compared(logarithm: float, more: str, less: str) -> str:
     share = round(100.0 * (math.exp(logarithm) - 1.0))
-    if share == 0:
-        return f"no {more}"
     return f"{abs(share)} % {more if share > 0 else less}"

@@ -122,3 +122,49 @@ def test_a_gain_that_minutes_do_not_agree_about_is_not_taken() -> None:
         )
         assert bool(choice.options) is taken
         assert choice.margin >= (2.0 * error if taken else 0.0)
+
+
+SMALLER = {"height_scale": 0.94, "height_scale_right": 0.0, "height_scale_down": 0.08, "width_scale": 0.85}
+
+
+@pytest.mark.parametrize(("worth", "error", "taken"), [(6.0, 1.0, True), (6.0, 4.0, False), (1.0, 0.1, False)])
+def test_measured_sizes_are_taken_if_they_are_surely_better(worth: float, error: float, taken: bool) -> None:
+    def score(options: Mapping[str, float]) -> dict[str, float]:
+        return {"cqs": 100.0 + worth * ("height_scale" in options), "error": error}
+
+    choice = choose_detector({"learning_rate": 0.01}, dict, score, RATE_ONLY, SMALLER)
+    assert choice.options == (SMALLER if taken else {})
+    assert choice.sizes == SMALLER
+    assert choice.sized == {"in use": 100.0, "measured": 100.0 + worth}
+    proposal = choice.proposal("door", "hall", 1000.0, {"least_gain": 0.2})
+    assert (proposal is not None) is taken
+    if proposal is not None:
+        assert isinstance(proposal.model, DetectorSettings)
+        assert proposal.model.options == {"least_gain": 0.2, **SMALLER}
+        assert proposal.evidence["score with sizes measured"] == 106.0
+        assert "6 % smaller" in proposal.reason
+        assert proposal.gain == 6.0
+        assert proposal.gain > (proposal.margin or 0.0)
+
+
+def test_measured_sizes_are_held_against_the_best_of_the_other_options() -> None:
+    rate = hill(0.1, 0.0, 1)
+    for worth, taken in ((20.0, True), (-3.0, False)):
+
+        def score(options: Mapping[str, float], worth: float = worth) -> dict[str, float]:
+            return {"cqs": rate(options) + worth * ("height_scale" in options), "error": 1.0}
+
+        choice = choose_detector({"learning_rate": 0.003}, dict, score, RATE_ONLY, SMALLER)
+        assert choice.options["learning_rate"] == pytest.approx(0.1, rel=0.5)
+        assert (choice.options.keys() >= SMALLER.keys()) is taken
+
+
+def test_sizes_that_cannot_be_tried_change_nothing() -> None:
+    choice = choose_detector(
+        {"learning_rate": 0.01},
+        lambda options: None if "height_scale" in options else dict(options),
+        told(lambda _: 50.0),
+        RATE_ONLY,
+        SMALLER,
+    )
+    assert (choice.options, choice.sizes, choice.refused) == ({}, {}, "")

@@ -79,6 +79,7 @@ class Site:
         self.turns = False
         self.alignment = 0
         self.error = ""
+        self.sizes: dict[str, float] = {}
 
     def redetect(self, camera: str, options: Mapping[str, float]) -> Mapping[str, Any]:
         if self.error:
@@ -89,8 +90,10 @@ class Site:
         self.asked.append((camera, dict(options)))
         self.until += self.moves
         self.alignment += self.turns
-        used = {"learning_rate": 0.003, "sensitivity": 16.0, "least_gain": 0.1, **options}
+        plain = {"learning_rate": 0.003, "sensitivity": 16.0, "least_gain": 0.1, "height_scale": 1.0}
+        used = {**plain, **options}
         told = {"since": 600.0, "until": self.until, "options": used, "alignment": self.alignment}
+        told |= {"sizes": self.sizes}
         return {"frames": [{"camera": camera, "x": [1.0], **used}], **told}
 
     def rescore(self, area: str, question: bytes) -> Mapping[str, Any]:
@@ -99,6 +102,7 @@ class Site:
         [(camera, [frame])] = asked["frames"].items()
         assert asked["active"][camera][0]["learning_rate"] == 0.003
         off = math.log10(frame["learning_rate"] / 0.1) ** 2 + 4.0 * math.log(frame["sensitivity"] / 16.0) ** 2
+        off += 20.0 * math.log(frame["height_scale"] / 0.9) ** 2
         return {"sight": {"candidate": 50.0 - 10.0 * off, "gain_error": 0.5}}
 
 
@@ -261,3 +265,32 @@ def test_a_camera_that_is_covered_teaches_nothing_and_says_why() -> None:
     learner.watch(CameraStatus(t=1002.0 + EVERY, camera="door", state="ok"))
     learner.propose(1003.0 + EVERY, 900.0)
     assert executor.waiting
+
+
+@pytest.mark.parametrize(("measured", "taken"), [(0.9, True), (1.15, False), (1.005, None)])
+def test_the_sizes_a_camera_measured_are_tried_and_told_of(measured: float, taken: bool | None) -> None:
+    site, executor = Site(), Later()
+    site.sizes = {"height_scale": measured}
+    learner = lessons(site, executor, "door")
+    learner.propose(1000.0, 900.0)
+    executor.run()
+    assert any(options.get("height_scale") == measured for _, options in site.asked) is (taken is not None)
+    [proposal] = learner.propose(1020.0, 900.0)
+    assert isinstance(proposal.model, DetectorSettings)
+    assert ("height_scale" in proposal.model.options) is bool(taken)
+    told = words(learner, "door")
+    if taken:
+        assert "people look 10 % smaller" in told
+    elif taken is not None:
+        assert "people look 15 % taller than the camera is configured for, but would be followed no better" in told
+    else:
+        assert "people look" not in told
+
+
+def test_sizes_that_the_detector_has_no_options_for_are_left_alone() -> None:
+    site, executor = Site(), Later()
+    site.sizes = {"girth": 2.0}
+    learner = lessons(site, executor, "door")
+    learner.propose(1000.0, 900.0)
+    executor.run()
+    assert not any("girth" in options for _, options in site.asked)
