@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
+from benchmarks.device_minutes import device_minutes
 from benchmarks.fusion_run import run_fusion
 from benchmarks.learning_adapter import learned_radio, learned_strides
 from benchmarks.learning_checks import radio_residual, stretch_rmse, stride_errors, true_run
 from benchmarks.learning_splits import part_of
 from benchmarks.learning_stretches import stretches_of
-from benchmarks.stretch_quality import device_minutes
 from benchmarks.world_run import load, record_world
 from services.fusion.area_view import AreaView
 
