@@ -86,7 +86,7 @@ def chosen_rate(rates: Sequence[float], scores: Sequence[float], active: float) 
         """Between two rates that were tried, the score is taken to lie on the line between them."""
         return {"cqs": float(np.interp(math.log(options["learning_rate"]), np.log(rates), scores))}
 
-    def scored(told: Mapping[str, float]) -> Mapping[str, float]:
+    def scored(told: Mapping[str, float], best: Mapping[str, float]) -> Mapping[str, float]:
         return told
 
     found = choose_detector({"learning_rate": active}, redetect, scored, (Sweep("learning_rate", rates),))

@@ -22,6 +22,7 @@ from services.camera.person_sizes import PersonSizes
 from services.camera.size_prior import SizePrior
 from services.camera.splitting import PersonTemplates
 from shared.site import CameraGeometry
+from shared.size_options import SIZE_OPTIONS
 
 __all__ = ["ForegroundDetector", "ForegroundOptions"]
 
@@ -96,12 +97,13 @@ class ForegroundDetector:
     @property
     def learned_sizes(self) -> dict[str, float]:
         """How tall and wide people were seen to be, as options; empty while too few walked."""
-        learned = self._sizes.learned()
-        return {} if learned is None else dict(zip(_SCALES, astuple(learned), strict=True))
+        learned = None if self._sizes is None else self._sizes.learned()
+        return {} if learned is None else dict(zip(SIZE_OPTIONS, astuple(learned), strict=True))
 
-    def forget_sizes(self) -> None:
-        """Forget how tall and wide people were seen to be."""
-        self._sizes = PersonSizes(self._geometry, self._options.person_height, self._options.person_width)
+    def forget_sizes(self, *, paused: bool = False) -> None:
+        """Forget how tall and wide people were seen to be, and measure them anew unless that is ``paused``."""
+        options = self._options
+        self._sizes = None if paused else PersonSizes(self._geometry, options.person_height, options.person_width)
 
     def reset(self) -> None:
         """Forget the background."""
@@ -126,7 +128,7 @@ class ForegroundDetector:
         """Go on with other ``options`` and the background as learned; False, and nothing is changed, if it cannot."""
         if any(getattr(options, name) != getattr(self._options, name) for name in _BUILT_FOR):
             return False
-        if any(getattr(options, name) != getattr(self._options, name) for name in _SCALES):
+        if any(getattr(options, name) != getattr(self._options, name) for name in SIZE_OPTIONS):
             self._templates = self._built(options)
         self._options = options
         self._model.setVarThreshold(options.sensitivity)
@@ -145,12 +147,12 @@ class ForegroundDetector:
             self._first = t
             return Detections.none()
         found = self._templates.split(self.mask.copy(), self._options.least_gain)
-        if self.state == "ready":
+        if self._sizes is not None and self.state == "ready":
             self._sizes.take(self.mask, found, t)
         return self._in_picture(found)
 
     def _built(self, options: ForegroundOptions) -> PersonTemplates:
-        prior = SizePrior(*(getattr(options, name) for name in _SCALES))
+        prior = SizePrior(*(getattr(options, name) for name in SIZE_OPTIONS))
         return PersonTemplates.build(
             self._geometry, options.person_height, options.person_width, options.density, prior
         )
@@ -208,8 +210,6 @@ def _sampled(image: Image) -> NDArray[np.float32]:
     return image[GAIN_STEP // 2 :: GAIN_STEP, GAIN_STEP // 2 :: GAIN_STEP].astype(np.float32)
 
 
-_SCALES = ("height_scale", "height_scale_right", "height_scale_down", "width_scale")
-"""Options that make a ``SizePrior``, in its order."""
 _BUILT_FOR = ("person_height", "person_width", "picture_width", "mask_width")
 _CLOSING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 5))
 

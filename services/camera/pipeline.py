@@ -37,6 +37,7 @@ class Pipeline:
         self._size: tuple[int, int] | None = None
         self._detector: Detector | None = None
         self._projection: Projection | None = None
+        self._sizes_paused = False
 
     @property
     def state(self) -> Literal["learning", "ready"]:
@@ -79,6 +80,8 @@ class Pipeline:
             self._size = size
             self._projection = Projection(self._geometry, size, self._camera.area_of_interest)
             self._detector = self._kind(self._projection.geometry, self._options)
+            if self._sizes_paused:
+                self.forget_sizes(paused=True)
         return self._detector, self._projection
 
     def adopt(self, options: Mapping[str, Any]) -> None:
@@ -107,11 +110,12 @@ class Pipeline:
         if prime is not None:
             prime(empty)
 
-    def forget_sizes(self) -> None:
-        """Forget how tall and wide people are: the camera looks elsewhere."""
+    def forget_sizes(self, *, paused: bool = False) -> None:
+        """Forget how tall and wide people are: the camera looks elsewhere. They are measured anew unless ``paused``."""
+        self._sizes_paused = paused
         forget = getattr(self._detector, "forget_sizes", None)
         if forget is not None:
-            forget()
+            forget(paused=paused)
 
     def reset(self) -> None:
         """Forget what was seen: the next picture does not follow the last one."""

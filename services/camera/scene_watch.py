@@ -64,10 +64,10 @@ class SceneWatch:
         self.verdict = ""
         """What is wrong with the view, in plain words; empty while it is the known one."""
 
-    def take(self, image: Image, t: float) -> bool:
-        """Look at a picture (h, w, 3) taken at ``t``, if a look is due; return whether ``verdict`` has changed."""
+    def take(self, image: Image, t: float) -> None:
+        """Look at a picture (h, w, 3) taken at ``t``, if a look is due."""
         if abs(t - self._last) < EVERY:
-            return False
+            return
         self._last = t
         size = (image.shape[1], image.shape[0])
         if size != self._size:
@@ -75,11 +75,8 @@ class SceneWatch:
             self._size = size
         self._looks.append(_grey(image))
         self._number += 1
-        if len(self._looks) < LOOKS or self._number % COMPARED:
-            return False
-        before = self.verdict
-        self._compare(_edges(np.median(np.stack(self._looks), axis=0).astype(np.float32)))
-        return self.verdict != before
+        if len(self._looks) == LOOKS and not self._number % COMPARED:
+            self._compare(_edges(np.median(np.stack(self._looks), axis=0).astype(np.float32)))
 
     def forget(self) -> None:
         """Get to know the view anew: it is the right one from now on."""

@@ -74,6 +74,8 @@ class CameraService(Service[CameraSettings]):
         self._scene = EmptyScene()
         self._scene_file = SceneFile(settings.scene_file)
         self._watch = SceneWatch()
+        self._doubted = ""
+        """What was wrong with the view when the last picture was looked at."""
         self._desk = RedetectDesk(
             self._camera,
             self._floor,
@@ -187,11 +189,14 @@ class CameraService(Service[CameraSettings]):
 
     def _remember(self, frame: Frame, found: GroundDetections) -> None:
         """Keep what learning may ask for, as long as the camera looks where it looked."""
-        if self._watch.take(frame.image, frame.t) and self._watch.verdict:
-            self._ring.clear()
-            self._scene.forget()
-            self._pipeline.forget_sizes()
-        if not self._watch.verdict:
+        self._watch.take(frame.image, frame.t)
+        if self._watch.verdict != self._doubted:
+            self._doubted = self._watch.verdict
+            self._pipeline.forget_sizes(paused=bool(self._doubted))
+            if self._doubted:
+                self._ring.clear()
+                self._scene.forget()
+        if not self._doubted:
             self._ring.offer(frame.image, frame.t)
             if self._scene.take(frame.image, found.boxes, frame.t) and self._source.live:
                 self._scene_file.save(self._scene, frame.t)

@@ -22,7 +22,7 @@ SMALLEST, LARGEST = 0.5, 2.0
 
 @dataclass(frozen=True)
 class SizePrior:
-    """Factors of the expected size of people.
+    """Factors of the expected size of people; in the order of ``shared.size_options``.
 
     Attributes:
         height: in the middle of the picture.

@@ -148,7 +148,10 @@ class Trials:
 
     def may_begin(self, key: Key, now: float) -> bool:
         """Whether a candidate of this kind and subject may be tried."""
-        return key not in self._open and now >= self._not_before.get(key, -math.inf)
+        until = self._not_before.get(key, -math.inf)
+        # Nobody waits for longer than that: the clock was set back.
+        longest = max(self._pace.again, self._pace.after_refusal, self._pace.after_roll_back)
+        return key not in self._open and not now < until <= now + longest
 
     def rested(self, now: float, *, urgent: bool = False) -> bool:
         """Whether the last trial is so long ago that learning takes no more than its share of a core."""

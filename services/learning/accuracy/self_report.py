@@ -23,7 +23,7 @@ from services.learning.tracks.along import along
 from services.learning.tracks.crowd import Crowd, followed_in, others_of
 from services.learning.tracks.phones import PhoneRows, Phones
 from services.learning.tracks.radio_evidence import RadioBelief
-from services.learning.tracks.stretch import Stretch
+from services.learning.tracks.stretch import SAME, Stretch
 from shared.learning_report import AccuracyReport
 from shared.messages import MotionBatch, RadioScan, TrackFrame
 from shared.radio import PathLoss, ShadowingMap
@@ -64,7 +64,6 @@ RAYLEIGH = np.sqrt(-np.log(1.0 - (np.arange(5) + 0.5) / 5.0))
 """Five equally likely lengths of an error, in units of its root mean square."""
 EVERY = 1.0
 """Seconds between two kept pictures of everybody."""
-SAME = 1e-6
 
 
 @dataclass(frozen=True)

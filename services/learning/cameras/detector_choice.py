@@ -4,7 +4,8 @@ After [ravel-thesis §8.2]: sweep the learning rate, re-run detector and tracker
 the value with the largest cumulative quality score. Here the sweep is coarse, then fine around the best; the curve is
 noisy, so a parabola in the logarithm is laid through its top, and what is active stays unless another value is better
 by more than the points scatter about a smooth curve, and than the score of both told apart minute by minute may be off.
-A second option is then swept about the winner, and the sizes of people that the camera measured are tried with it.
+A second option is then swept about the winner, and the sizes of people that the camera measured are tried with it. Each
+of these is held against the winner so far, not against what was active at first: nothing rides on another's gain.
 """
 
 from __future__ import annotations
@@ -12,14 +13,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from services.learning.cameras.size_words import SIZES, size_words
+from services.learning.cameras.size_words import size_words
 from services.learning.proposal import Proposal
 from shared.messages import DetectorSettings
+from shared.size_options import SIZE_OPTIONS
 
 __all__ = ["Curve", "DetectorChoice", "Sweep", "choose_detector"]
 
@@ -137,7 +140,7 @@ class DetectorChoice:
             if curve.option in self.options
         ]
         evidence |= {f"score with sizes {name}": score for name, score in self.sized.items()}
-        sizes = {name: value for name, value in self.options.items() if name in SIZES}
+        sizes = {name: value for name, value in self.options.items() if name in SIZE_OPTIONS}
         if sizes:
             changes.append(f"the sizes people were seen to have: {size_words(sizes)}")
         options = {**active, **self.options}
@@ -158,7 +161,7 @@ class DetectorChoice:
 def choose_detector(
     active: Mapping[str, float],
     redetect: Callable[[Mapping[str, float]], F | None],
-    score: Callable[[F], Mapping[str, float] | None],
+    score: Callable[[F, F], Mapping[str, float] | None],
     sweeps: Sequence[Sweep] = SWEEPS,
     sizes: Mapping[str, float] | None = None,
 ) -> DetectorChoice:
@@ -169,9 +172,9 @@ def choose_detector(
     Args:
         active: the value in use of every option that is swept.
         redetect: options → what the camera would have detected; None: they cannot be tried, and are left out.
-        score: detections → ``cqs``, the cumulative quality score of the tracks they make (or another score that grows
-            with how well people are followed), and ``error`` where it is known: the standard error of that score less
-            the active options'. None: it cannot be told.
+        score: detections, those of the best options so far → ``cqs``, the cumulative quality score of the tracks that
+            the first make (or another score that grows with how well people are followed), and ``error`` where it is
+            known: the standard error of that score less the second's. None: it cannot be told.
         sweeps: what is swept, in this order.
         sizes: how tall and wide people were measured to be, as options, to be tried with the best of the others.
 
@@ -183,20 +186,26 @@ def choose_detector(
             raise ValueError(
                 f"active.{sweep.option}: found {active.get(sweep.option)}; allowed: the value in use, above 0"
             )
+
+    @lru_cache(maxsize=1)  # minutes of everybody's detections: those of one trial at a time, and of the best so far
+    def detected(key: Options) -> F | None:
+        return redetect(dict(key))
+
+    current = {sweep.option: active[sweep.option] for sweep in sweeps}
+    best = detected(_key(current))
     errors: dict[Options, float] = {}
     scores: dict[Options, float | None] = {}
 
     def tried(options: Mapping[str, float]) -> float | None:
-        key = tuple(sorted(options.items()))
+        key = _key(options)
         if key not in scores:
-            detections = redetect(options)
-            told = None if detections is None else score(detections)
+            detections = detected(key)
+            told = None if detections is None or best is None else score(detections, best)
             known = told is not None and math.isfinite(told["cqs"])
             scores[key] = told["cqs"] if told is not None and known else None
             errors[key] = told.get("error", 0.0) if told is not None else 0.0
         return scores[key]
 
-    current = {sweep.option: active[sweep.option] for sweep in sweeps}
     begin = tried(current)
     if begin is None:
         return DetectorChoice(refused="the active options could not be scored on the camera's pictures")
@@ -212,26 +221,28 @@ def choose_detector(
         if curve.gain <= max(SURE * curve.error, least):
             continue
         wanted = {**current, sweep.option: curve.best}
-        told = tried(wanted)
-        apart = errors[tuple(sorted(wanted.items()))]
-        if told is None or told - begin <= max(CONFIRMED * apart, gain):
+        told, apart = tried(wanted), errors[_key(wanted)]
+        if told is None or told - begin - gain <= CONFIRMED * apart or (winner := detected(_key(wanted))) is None:
             continue
-        current, gain, error = wanted, told - begin, max(error, apart)
+        current, best, gain, error = wanted, winner, told - begin, error + apart
         changed[sweep.option] = curve.best
     sized: dict[str, float] = {}
     sizes = sizes or {}
     if sizes:
         wanted = {**current, **sizes}
-        told = tried(wanted)
-        apart = errors[tuple(sorted(wanted.items()))]
+        told, apart = tried(wanted), errors[_key(wanted)]
         if told is not None:
             sized = {"in use": begin + gain, "measured": told}
-            if told - begin > max(CONFIRMED * apart, gain + least):
-                gain, error = told - begin, max(error, apart)
+            if told - begin - gain > max(CONFIRMED * apart, least):
+                gain, error = told - begin, error + apart
                 changed |= sizes
     return DetectorChoice(
         changed, gain, max(CONFIRMED * error, least), curves, sizes=sizes if sized else {}, sized=sized
     )
+
+
+def _key(options: Mapping[str, float]) -> Options:
+    return tuple(sorted(options.items()))
 
 
 def _swept(

@@ -74,6 +74,8 @@ class DetectorLessons:
         self._now = 0.0
         self._stretches = 0
         self._running: tuple[str, Future[tuple[DetectorChoice, float]]] | None = None
+        self._void = False
+        """Whether what the sweep under way finds no longer counts."""
         self.words: dict[str, str] = {}
         """By camera what its last sweep found, for people."""
 
@@ -88,8 +90,7 @@ class DetectorLessons:
                 self._doubts.pop(message.camera, None)
                 return
             self._doubts[message.camera] = message.reason
-            if self._running is not None and self._running[0] == message.camera:
-                self._running = None
+            self._drop(message.camera)
 
     def forget(self, device: str) -> None:
         """Nothing here is of any device."""
@@ -101,7 +102,8 @@ class DetectorLessons:
             if not future.done():
                 return ()
             self._running = None
-            return self._found(camera, future)
+            if not self._void:
+                return self._found(camera, future)
         if max([*self._swept.values(), *self._pictureless.values()], default=now) > now:  # a clock was set back
             self._swept.clear()
             self._pictureless.clear()
@@ -111,6 +113,7 @@ class DetectorLessons:
             camera = min(able, key=lambda name: self._swept.get(name, -EVERY))
             self._swept[camera] = now
             self._stretches = 0
+            self._void = False
             self._running = camera, self._executor.submit(self._sweep, camera, self._options(camera))
         return ()
 
@@ -118,8 +121,7 @@ class DetectorLessons:
         """Other options are in use from now on; a sweep under way was held against the ones before, and is dropped."""
         if isinstance(model, DetectorSettings) and model.camera in self._cameras:
             self._active[model.camera] = model
-            if self._running is not None and self._running[0] == model.camera:
-                self._running = None
+            self._drop(model.camera)
 
     def tell(self, draft: ReportDraft) -> None:
         """Add the options in use, and what the last sweep of each camera found."""
@@ -131,7 +133,7 @@ class DetectorLessons:
 
     def _words_of(self, camera: str) -> str:
         """Return what is done or waited for, or what was found last."""
-        if self._running is not None and self._running[0] == camera:
+        if self._running is not None and self._running[0] == camera and not self._void:
             return "other detector options are being tried on its last minutes"
         if camera in self._doubts:
             return f"its detector learns nothing while it is degraded: {self._doubts[camera]}"
@@ -156,6 +158,13 @@ class DetectorLessons:
         except (KeyError, msgspec.ValidationError) as error:
             raise ValueError(f"detector lessons: swept or pictureless: {error}") from error
         self._swept, self._pictureless = swept, pictureless
+
+    def _drop(self, camera: str) -> None:
+        """Let a camera's sweep count for nothing; the next begins once it has ended, on the same people's walks."""
+        if self._running is not None and self._running[0] == camera and not self._void:
+            self._void = True
+            self._swept.pop(camera, None)
+            self._stretches += FEWEST
 
     def _with_pictures(self) -> list[str]:
         """Return the cameras that may have pictures to learn from: all but those that said that they have none."""
@@ -202,8 +211,8 @@ class DetectorLessons:
             anybody = anybody or (same and _shows_anybody(told))
             return told if same else None
 
-        def score(told: Mapping[str, Any]) -> Mapping[str, float] | None:
-            frames = {"frames": {camera: told["frames"]}, "active": {camera: begin["frames"]}}
+        def score(told: Mapping[str, Any], best: Mapping[str, Any]) -> Mapping[str, float] | None:
+            frames = {"frames": {camera: told["frames"]}, "active": {camera: best["frames"]}}
             question = msgspec.json.encode({"kind": "detections", **frames})
             sight = self._asked(lambda: self._rescore(self.area, question)).get("sight")
             if not sight or sight.get("candidate") is None:

@@ -5,11 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-__all__ = ["SIZES", "differ", "size_words"]
+__all__ = ["differ", "size_words"]
 
-SIZES = ("height_scale", "height_scale_right", "height_scale_down", "width_scale")
-"""Options that say how people look, held against what was configured: the first and last are factors, the others
-logarithms by which the first grows towards the right and the lower edge."""
 LEAST = 0.01
 """Share by which sizes must differ from those in use to be worth a trial."""
 EDGES = (("left", -1.0, 0.0), ("right", 1.0, 0.0), ("upper", 0.0, -1.0), ("lower", 0.0, 1.0))

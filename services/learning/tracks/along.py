@@ -9,14 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.learning.tracks.phones import PhoneRows
-from services.learning.tracks.stretch import Stretch
+from services.learning.tracks.stretch import SAME, Stretch
 
 __all__ = ["along"]
 
 Array = NDArray[np.float64]
-
-SAME = 1e-6
-"""Seconds by which times that are the same may differ."""
 
 
 def along(

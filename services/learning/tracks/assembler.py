@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from services.learning.tracks.along import along
 from services.learning.tracks.crowd import Crowd, followed_in, others_of
 from services.learning.tracks.phones import PhoneRows, Phones
-from services.learning.tracks.stretch import Stretch
+from services.learning.tracks.stretch import SAME, Stretch
 from shared.messages import MotionBatch, RadioScan, Revision, TrackFrame
 
 __all__ = ["StretchAssembler"]
@@ -33,8 +33,6 @@ SHORTEST = 2.0
 """Seconds; what is shorter teaches nothing."""
 LATE = 240.0
 """Seconds by which ``close`` may be called late and nothing said is lost."""
-SAME = 1e-6
-"""Seconds by which times that are the same may differ."""
 
 Point = tuple[float, int, float, float, float, float, float, float]
 """t, track, x, y, xx, xy, yy, probability."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from services.learning.tracks.stretch import SAME
 from shared.messages import TrackFrame
 
 __all__ = ["Crowd", "followed_in", "others_of"]
@@ -19,8 +20,6 @@ MOST = 64
 """Other tracks told of, the nearest ones …"""
 EVERY = 1.0
 """… and seconds between two of their places."""
-SAME = 1e-6
-"""Seconds by which times that are the same may differ."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from bisect import bisect_left, insort
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from services.learning.tracks.stretch import SAME
 from shared.messages import MotionBatch, RadioScan
 
 __all__ = ["PhoneRows", "Phones", "Reading", "Step"]
@@ -20,8 +21,6 @@ AHEAD = 120.0
 """Seconds by which a time may be ahead of the newest one known."""
 TIDIED_EVERY = 10.0
 """Seconds between two looks at what is too old."""
-SAME = 1e-6
-"""Seconds by which times that are the same may differ."""
 
 Reading = tuple[float, int, float]
 """t, access point, dBm."""

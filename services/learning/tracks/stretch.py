@@ -8,10 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Stretch"]
+__all__ = ["SAME", "Stretch"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+SAME = 1e-6
+"""Seconds by which times that are the same may differ."""
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,8 @@ def hill(top: float, noise: float, seed: int, high: float = 100.0) -> Callable[[
 
 def told(
     score: Callable[[Mapping[str, float]], float | None],
-) -> Callable[[Mapping[str, float]], dict[str, float] | None]:
-    def tell(options: Mapping[str, float]) -> dict[str, float] | None:
+) -> Callable[[Mapping[str, float], Mapping[str, float]], dict[str, float] | None]:
+    def tell(options: Mapping[str, float], best: Mapping[str, float]) -> dict[str, float] | None:
         value = score(options)
         return None if value is None else {"cqs": value}
 
@@ -95,7 +95,7 @@ def test_what_cannot_be_tried_is_left_out_and_nothing_is_said_without_the_active
     assert set(choice.options) == {"learning_rate"}
     assert choose_detector(ACTIVE, lambda _: None, told(lambda _: 1.0)).refused
     assert choose_detector(ACTIVE, dict, told(lambda _: math.nan)).refused
-    assert choose_detector(ACTIVE, dict, lambda _: None).proposal("door", "hall", 1.0, {}) is None
+    assert choose_detector(ACTIVE, dict, lambda *_: None).proposal("door", "hall", 1.0, {}) is None
     with pytest.raises(ValueError, match="sensitivity"):
         choose_detector({"learning_rate": 0.1}, dict, told(lambda _: 1.0))
 
@@ -114,14 +114,16 @@ def test_the_proposal_carries_the_whole_curve_and_keeps_what_was_not_swept() -> 
     assert "0.003 →" in proposal.reason
 
 
-def test_a_gain_that_minutes_do_not_agree_about_is_not_taken() -> None:
+@pytest.mark.parametrize(("error", "taken"), [(1.0, True), (60.0, False)])
+def test_a_gain_that_minutes_do_not_agree_about_is_not_taken(error: float, taken: bool) -> None:
     rate = hill(0.1, 0.0, 1)
-    for error, taken in ((1.0, True), (60.0, False)):
-        choice = choose_detector(
-            {"learning_rate": 0.003}, dict, lambda options, e=error: {"cqs": rate(options), "error": e}, RATE_ONLY
-        )
-        assert bool(choice.options) is taken
-        assert choice.margin >= (2.0 * error if taken else 0.0)
+
+    def score(options: Mapping[str, float], best: Mapping[str, float]) -> dict[str, float]:
+        return {"cqs": rate(options), "error": error}
+
+    choice = choose_detector({"learning_rate": 0.003}, dict, score, RATE_ONLY)
+    assert bool(choice.options) is taken
+    assert choice.margin >= (2.0 * error if taken else 0.0)
 
 
 SMALLER = {"height_scale": 0.94, "height_scale_right": 0.0, "height_scale_down": 0.08, "width_scale": 0.85}
@@ -129,7 +131,7 @@ SMALLER = {"height_scale": 0.94, "height_scale_right": 0.0, "height_scale_down":
 
 @pytest.mark.parametrize(("worth", "error", "taken"), [(6.0, 1.0, True), (6.0, 4.0, False), (1.0, 0.1, False)])
 def test_measured_sizes_are_taken_if_they_are_surely_better(worth: float, error: float, taken: bool) -> None:
-    def score(options: Mapping[str, float]) -> dict[str, float]:
+    def score(options: Mapping[str, float], best: Mapping[str, float]) -> dict[str, float]:
         return {"cqs": 100.0 + worth * ("height_scale" in options), "error": error}
 
     choice = choose_detector({"learning_rate": 0.01}, dict, score, RATE_ONLY, SMALLER)
@@ -151,12 +153,31 @@ def test_measured_sizes_are_held_against_the_best_of_the_other_options() -> None
     rate = hill(0.1, 0.0, 1)
     for worth, taken in ((20.0, True), (-3.0, False)):
 
-        def score(options: Mapping[str, float], worth: float = worth) -> dict[str, float]:
+        def score(options: Mapping[str, float], best: Mapping[str, float], worth: float = worth) -> dict[str, float]:
             return {"cqs": rate(options) + worth * ("height_scale" in options), "error": 1.0}
 
         choice = choose_detector({"learning_rate": 0.003}, dict, score, RATE_ONLY, SMALLER)
         assert choice.options["learning_rate"] == pytest.approx(0.1, rel=0.5)
         assert (choice.options.keys() >= SMALLER.keys()) is taken
+
+
+@pytest.mark.parametrize(("worth", "taken"), [(9.0, False), (30.0, True)])
+@pytest.mark.parametrize("option", ["sensitivity", "height_scale"])
+def test_nothing_rides_on_the_gain_of_what_won_before(option: str, worth: float, taken: bool) -> None:
+    rate = hill(0.1, 0.0, 1, high=200.0)
+
+    def score(options: Mapping[str, float], best: Mapping[str, float]) -> dict[str, float]:
+        wide = (math.log(options["sensitivity"] / 24.0) / math.log(1.5)) ** 2
+        second = {"sensitivity": max(1.0 - wide, -1.0), "height_scale": float("height_scale" in options)}[option]
+        # As fusion: the more two detectors differ, the less sure is by how much one is better.
+        near = abs(math.log(options["learning_rate"] / best["learning_rate"])) < 0.1
+        return {"cqs": rate(options) + worth * second, "error": 8.0 if near else 10.0}
+
+    sizes = SMALLER if option == "height_scale" else None
+    choice = choose_detector({"learning_rate": 0.001, "sensitivity": 16.0}, dict, score, SWEEPS, sizes)
+    assert choice.options["learning_rate"] == pytest.approx(0.1, rel=0.5)
+    assert (option in choice.options) is taken
+    assert choice.gain > choice.margin >= (36.0 if taken else 20.0)
 
 
 def test_sizes_that_cannot_be_tried_change_nothing() -> None:

@@ -80,6 +80,7 @@ class Site:
         self.alignment = 0
         self.error = ""
         self.sizes: dict[str, float] = {}
+        self.held_against: list[float] = []
 
     def redetect(self, camera: str, options: Mapping[str, float]) -> Mapping[str, Any]:
         if self.error:
@@ -100,7 +101,7 @@ class Site:
         asked = msgspec.json.decode(question)
         assert asked["kind"] == "detections"
         [(camera, [frame])] = asked["frames"].items()
-        assert asked["active"][camera][0]["learning_rate"] == 0.003
+        self.held_against.append(asked["active"][camera][0]["learning_rate"])
         off = math.log10(frame["learning_rate"] / 0.1) ** 2 + 4.0 * math.log(frame["sensitivity"] / 16.0) ** 2
         off += 20.0 * math.log(frame["height_scale"] / 0.9) ** 2
         return {"sight": {"candidate": 50.0 - 10.0 * off, "gain_error": 0.5}}
@@ -125,6 +126,9 @@ def test_a_sweep_runs_beside_the_learner_and_is_proposed_when_it_is_over() -> No
     assert isinstance(proposal.model, DetectorSettings)
     assert proposal.model.options["learning_rate"] == pytest.approx(0.1, rel=0.25)
     assert "sensitivity" not in proposal.model.options
+    assert site.held_against[0] == 0.003
+    assert site.held_against[-1] == proposal.model.options["learning_rate"]
+    assert len(site.asked) == len({tuple(sorted(options.items())) for _, options in site.asked}), "detected twice"
     assert (proposal.trained_until, proposal.subject, proposal.area) == (900.0, "door", "hall")
     assert "learning_rate" in learner.words["door"]
     assert learner.propose(1030.0, 900.0) == ()
@@ -294,3 +298,29 @@ def test_sizes_that_the_detector_has_no_options_for_are_left_alone() -> None:
     learner.propose(1000.0, 900.0)
     executor.run()
     assert not any("girth" in options for _, options in site.asked)
+
+
+@pytest.mark.parametrize("reason", ["a model change", "degraded for a second"])
+def test_a_sweep_that_counts_for_nothing_is_made_again_at_once_and_never_two_at_a_time(reason: str) -> None:
+    site, executor = Site(), Later()
+    learner = lessons(site, executor, "door")
+    learner.propose(1000.0, 900.0)
+    for t in (1001.0, 1002.0):
+        if reason == "a model change":
+            learner.activated(DetectorSettings(t=t, camera="door", version=int(t)))
+        else:
+            learner.watch(CameraStatus(t=t, camera="door", state="degraded", reason="it is covered"))
+            learner.watch(CameraStatus(t=t, camera="door", state="ok"))
+    assert words(learner, "door") == "its detector's options are tried soon"
+    assert learner.state()["swept"] == {}
+    assert learner.propose(1060.0, 900.0) == ()
+    assert len(executor.waiting) == 1, "the one that counts for nothing is still at work"
+    executor.run()
+    assert learner.propose(1120.0, 900.0) == ()
+    assert len(executor.waiting) == 1
+    assert "being tried" in words(learner, "door")
+    executor.run()
+    [proposal] = learner.propose(1180.0, 900.0)
+    assert proposal.subject == "door"
+    learner.propose(1240.0, 900.0)
+    assert not executor.waiting, "the same walks do not judge twice"

@@ -26,7 +26,7 @@ from services.learning.report_draft import ReportDraft
 from services.learning.settings import LearningSettings
 from services.learning.tracks.stretch import Stretch
 from services.learning.tracks.verdict import Verdict
-from services.learning.trials import Candidate, Inline, Pace, Trials
+from services.learning.trials import Candidate, Inline, Key, Pace, Trials
 from shared.learning_report import ModelKind, TrackLessons
 from shared.messages import Erasure, HeadingModel, Message, RadioModelUpdate, RadioScan
 
@@ -140,6 +140,18 @@ def test_what_loses_is_refused_and_its_subject_is_left_alone_until_there_is_new_
     assert world.sent == []
     world.live_until(BEGIN + 110.0, BEGIN + 50.0)
     assert len(world.asked) == 2
+
+
+def test_a_clock_that_was_set_back_ends_no_subject() -> None:
+    pace = Pace()
+    trials = Trials(Gate(), lambda *_: {}, Inline(), pace, lambda _: 0, lambda _, now: now)
+    key: Key = ("radio", "hall")
+    day = 86400.0
+    for pause in (pace.again, pace.after_refusal, pace.after_roll_back):
+        trials.wait(key, 10.0 * day + pause)
+        assert not trials.may_begin(key, 10.0 * day)
+        assert trials.may_begin(key, 10.0 * day + pause)
+        assert trials.may_begin(key, 9.0 * day)
 
 
 def test_a_candidate_that_fusion_has_no_time_for_is_tried_again_though_its_learner_tells_it_once() -> None:
