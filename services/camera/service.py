@@ -25,10 +25,12 @@ from services.camera.settings import CameraSettings
 from services.camera.sources import open_source
 from services.camera.status import StatusBoard
 from shared.bus import Bus
+from shared.camera_limits import alignment_problem
 from shared.messages import CameraAlignment, CameraStatus, DetectionFrame, DetectorSettings
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
+from shared.site.footprint import footprint
 
 __all__ = ["CameraService"]
 
@@ -64,6 +66,8 @@ class CameraService(Service[CameraSettings]):
         super().__init__(settings, site, bus, health)
         self._camera = site.camera(settings.camera)
         self._floor = site.area(self._camera.area).floor
+        outline = site.floor(self._floor).plan().outline
+        self._watched = footprint(self._camera.geometry.build(), self._camera.area_of_interest, outline)
         self._pipeline = Pipeline(self._camera, settings.detector, settings.detector_options)
         self._source: Source = open_source(self._camera, settings.pace)
         self._detections = bus.publisher(self.keys.detections(self._camera.id), DetectionFrame, newest=True)
@@ -236,14 +240,10 @@ class CameraService(Service[CameraSettings]):
             told = delivery.message
             if not isinstance(told, CameraAlignment) or self._aligned.is_newer_than(told.version):
                 continue
-            homography = np.array(told.homography).reshape(3, 3)
-            if np.linalg.det(homography) <= 0.0:
-                found = ", ".join(f"{value:g}" for value in told.homography)
-                reason = (
-                    f"homography: found ({found}), which mirrors or flattens the plan; allowed: determinant above 0"
-                )
+            if reason := alignment_problem(told.homography, self._watched):
                 self.health.degraded("alignment", f"version {told.version} is refused: {reason}")
                 continue
+            homography = np.array(told.homography).reshape(3, 3)
             self.health.well("alignment")
             if not np.array_equal(homography, self._alignment):
                 self._watch.forget()  # what the camera shows now is what it is aligned to

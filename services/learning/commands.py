@@ -8,8 +8,9 @@ import msgspec
 
 from services.learning.activation.bundle import BundleError, Renaming, pack, unpack
 from services.learning.activation.kinds import PERSONAL
-from services.learning.activation.rows import Decided, StoredModel
-from services.learning.activation.store import NoSuchModelError
+from services.learning.activation.questions import is_tried
+from services.learning.activation.rows import StoredModel
+from services.learning.activation.store import NoSuchModelError, UnusableModelError
 from services.learning.loop import LearningLoop
 from shared.learning_command import LearningAnswer, LearningCommand, ModelLine
 from shared.site import Site
@@ -57,18 +58,28 @@ class Commands:
             case "freeze" | "unfreeze":
                 frozen = command.do == "freeze"
                 store.freeze(frozen)
-                off = "nothing goes live any more until it is unfrozen; candidates are tried and told of all the same"
+                off = (
+                    "nothing new goes live any more until it is unfrozen; candidates are tried and told of all the "
+                    "same, and what proves worse than the model before still goes back"
+                )
                 return LearningAnswer(done=True, words=off if frozen else "models that win go live again")
             case "export":
-                live = store.all_active()
-                document = pack(live, self._site.site, now, personal=command.personal)
-                return LearningAnswer(done=True, words=f"{len(live)} models are live", bundle=msgspec.Raw(document))
+                return self._export(command, now)
             case "import":
                 return self._import(command, now)
             case "rollback" | "activate":
                 return self._switch(command, now)
             case "map":
                 return self._map(command)
+
+    def _export(self, command: LearningCommand, now: float) -> LearningAnswer:
+        live = self._loop.store.all_active()
+        left = 0 if command.personal else sum(one.kind in PERSONAL for one in live)
+        words = f"{len(live) - left} models that are live"
+        if left:
+            words += f" ({left} more of people's phones are left out)"
+        document = pack(live, self._site.site, now, personal=command.personal)
+        return LearningAnswer(done=True, words=words, bundle=msgspec.Raw(document))
 
     def _list(self, models: Sequence[StoredModel]) -> LearningAnswer:
         lines = [
@@ -100,6 +111,8 @@ class Commands:
             else:
                 model = self._by_hand(command, now, who)
                 words = f"{command.kind} of {command.subject} is live as version {model.version}, untried"
+        except UnusableModelError as error:
+            raise _RefusedError(f"version: found one that nobody could use: {error}", "version") from error
         except NoSuchModelError as error:
             field = str(error).partition(":")[0]
             raise _RefusedError(str(error), field, unknown=True) from error
@@ -124,18 +137,10 @@ class Commands:
         if not incoming:
             raise _RefusedError("bundle.models: found phones alone whose owners withdrew consent", "bundle")
         who = f" ({command.by})" if command.by else ""
-        taken = self._loop.store.take_in_all(
-            [(one.model, one.kind, one.subject, one.area) for one in incoming],
-            [Decided(now, now, one.reason + who, evidence=one.evidence, by="operator") for one in incoming],
-        )
-        if command.force:
-            for model in taken:
-                self._loop.decisions.put_live(model, now, f"{model.reason}; activated by hand, untried")
-        fate = "live now, untried" if command.force else "live once they win against what is (`atrium models list`)"
-        told = ", ".join(f"{model.kind} of {model.subject}" for model in taken)
+        taken = self._loop.decisions.take_in(incoming, now, who, live=command.force)
         without = everything - len(incoming)
         left = f"; {without} left out: the phones' owners withdrew consent" if without else ""
-        return LearningAnswer(done=True, words=f"{len(taken)} models taken in, {fate}: {told}{left}")
+        return LearningAnswer(done=True, words=f"{len(taken)} models taken in, {_fate(taken, command.force)}{left}")
 
     def _map(self, command: LearningCommand) -> LearningAnswer:
         known = list(self._loop.lessons.areas)
@@ -146,3 +151,21 @@ class Commands:
         if answer is not None:
             return answer
         return LearningAnswer(done=True, words="no such map is learned here yet")
+
+
+def _fate(taken: Sequence[StoredModel], force: bool) -> str:
+    """Return in words what becomes of models that were taken in."""
+    if force:
+        return f"live now, untried: {_named(taken)}"
+    tried = [one for one in taken if is_tried(one.kind)]
+    waiting = [one for one in taken if not is_tried(one.kind)]
+    fates = []
+    if tried:
+        fates.append(f"live once they win against what is (`atrium models list`): {_named(tried)}")
+    if waiting:
+        fates.append(f"never tried and live once you say so (`atrium models activate`): {_named(waiting)}")
+    return "; ".join(fates)
+
+
+def _named(models: Sequence[StoredModel]) -> str:
+    return ", ".join(f"{one.kind} of {one.subject}" for one in models)

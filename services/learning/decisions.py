@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import structlog
 
+from services.learning.activation.bundle import Incoming
 from services.learning.activation.gate import Ruling
 from services.learning.activation.kinds import PERSONAL
 from services.learning.activation.rows import Decided, StoredModel
 from services.learning.activation.store import ModelStore
 from services.learning.lessons import Lessons
-from services.learning.trials import Candidate, Pace, Trials, key_of
+from services.learning.trials import Candidate, Key, Pace, Trials, key_of
 from services.learning.untried import Untried
+from shared.keys import is_identifier
 from shared.learning_report import ModelKind
 from shared.messages import Message
 
@@ -57,6 +60,15 @@ class Decisions:
         self._activate = activate
         self._to_publish: list[StoredModel] = []
         """Phones' models that were live before the start."""
+        self._untold: dict[Key, str] = {}
+        """Live models that could not be published, and why."""
+
+    def untold(self) -> list[str]:
+        """Return of each live model that could not be published what it is and why; phones are not named."""
+        return [
+            f"the live {kind} model of {'a phone' if kind in PERSONAL else subject} is not in use: {why}"
+            for (kind, subject), why in sorted(self._untold.items())
+        ]
 
     def resume(self) -> None:
         """Publish what was live before the start, and leave alone what was decided on lately.
@@ -64,6 +76,9 @@ class Decisions:
         Phones' models wait for ``publish_phones``.
         """
         for model in self._store.all_active():
+            if why := self._store.problem(model.model):
+                self._told(model, why)  # learners go on as if nothing were live: nobody uses it
+                continue
             self._go_live(model, publish=model.kind not in PERSONAL)
             if model.kind in PERSONAL:
                 self._to_publish.append(model)
@@ -77,13 +92,15 @@ class Decisions:
         while self._to_publish:
             model = self._to_publish.pop()
             if self._store.live_version(model.kind, model.subject) == model.version:
-                self._publish(model.model)
+                self._send(model)
 
     def rule(self, candidate: Candidate, ruling: Ruling, now: float) -> None:
         """Do with a candidate what the gate says, as far as anything may go live."""
         proposal, reason = candidate.proposal, ruling.reason
         wins = ruling.outcome == "activate"
         allowed = self._activate and not self._store.frozen
+        if wins and (why := self._store.problem(proposal.model)):
+            wins, reason = False, f"would go live ({reason}), but no such model can be used: {why}"
         if wins and not allowed:
             reason = f"would go live ({reason}), but activation is switched off"
         how = Decided(
@@ -103,6 +120,8 @@ class Decisions:
             self._go_live(model)
         elif stored is None:
             self._store.refuse(*where, how)
+        elif wins:
+            log.info("an imported model waits", kind=stored.kind, subject=stored.subject, reason=reason)
         else:
             self._store.judged(stored, how)
 
@@ -130,14 +149,55 @@ class Decisions:
         return model
 
     def put_live(self, model: StoredModel, now: float, reason: str) -> StoredModel:
-        """Make a stored model live because an operator says so."""
-        how = Decided(t=now, since=self._sensor_time(model.area, now), reason=reason, by="operator")
-        live = self._store.promote(model, how)
+        """Make a stored model live because an operator says so.
+
+        Raises:
+            UnusableModelError: nobody could use it; nothing has changed.
+        """
+        live = self._store.promote(model, self._by_hand(model.area, now, reason))
         self._go_live(live)
         return live
 
+    def take_in(self, models: Sequence[Incoming], now: float, who: str, *, live: bool) -> list[StoredModel]:
+        """Take in models from elsewhere, all or none: they wait, or are live at once because an operator says so.
+
+        Raises:
+            UnusableModelError: nobody could use one that is to be live; nothing has changed.
+        """
+        hand = "; activated by hand, untried" if live else ""
+        taken = self._store.take_in_all(
+            [(one.model, one.kind, one.subject, one.area) for one in models],
+            [replace(self._by_hand(one.area, now, one.reason + who + hand), evidence=one.evidence) for one in models],
+            live=live,
+        )
+        for model in taken if live else []:
+            self._go_live(model)
+        return taken
+
+    def forget(self, device: str) -> None:
+        """Forget what could not be published of a phone whose owner withdrew consent."""
+        for kind in PERSONAL:
+            self._untold.pop((kind, device), None)
+
+    def _by_hand(self, area: str, now: float, reason: str) -> Decided:
+        return Decided(t=now, since=self._sensor_time(area, now), reason=reason, by="operator")
+
     def _go_live(self, model: StoredModel, *, publish: bool = True) -> None:
         self._untried.drop((model.kind, model.subject))  # it was made to be better than the one before
+        self._untold.pop((model.kind, model.subject), None)
         if publish:
-            self._publish(model.model)
+            self._send(model)
         self._lessons.activated(model)
+
+    def _send(self, model: StoredModel) -> None:
+        """Publish a live model; what cannot be published is told of and ends nothing."""
+        if not is_identifier(model.subject):
+            return  # as configured: nobody was ever told otherwise under such a name
+        try:
+            self._publish(model.model)
+        except (ValueError, TypeError, OverflowError) as error:  # the model's fault: so it would be at every start
+            self._told(model, f"it could not be published ({type(error).__name__}); the log says more", error)
+
+    def _told(self, model: StoredModel, why: str, error: Exception | None = None) -> None:
+        log.error("a live model is not in use", kind=model.kind, version=model.version, reason=why, exc_info=error)
+        self._untold[model.kind, model.subject] = why

@@ -14,6 +14,7 @@ import structlog
 from prometheus_client import Counter, Gauge
 from sqlalchemy.exc import SQLAlchemyError
 
+from services.learning.activation.content import Contents
 from services.learning.activation.database import SCHEMA, migrate, open_learning
 from services.learning.activation.gate import Gate
 from services.learning.activation.kinds import PERSONAL, kind_of, subject_of
@@ -78,7 +79,7 @@ class LearningService(Service[LearningSettings]):
             areas_of(site, areas),
             lessons_of(site, areas, tools),
             Gate(),
-            ModelStore(self._engine),
+            ModelStore(self._engine, Contents(site)),
             self._rescore,
             self._send,
             settings.pace(),
@@ -149,6 +150,7 @@ class LearningService(Service[LearningSettings]):
                 publisher = self._publishers.pop(f"{kind}/{message.device}", None)
                 if publisher is not None:
                     publisher.close()  # and with it what it keeps for late joiners
+            self.loop.decisions.forget(message.device)
         self.loop.take(message)
 
     def _guarded(self, work: Any) -> None:
@@ -231,6 +233,12 @@ class LearningService(Service[LearningSettings]):
                 self.health.well(topic)
             if area.taught > 0.0:
                 TRYING.labels(name).set(area.t - area.taught)
+        unused = self.loop.decisions.untold()
+        if unused:
+            mend = "`atrium models rollback` returns to the one before"
+            self.health.degraded("live models", f"{'; '.join(unused[:5])}; {mend}")
+        else:
+            self.health.well("live models")
         troubles = self.loop.troubles()
         for lesson, (areas, words) in troubles.items():
             where = f"area{'s' * (len(areas) > 1)} {', '.join(sorted(areas))}"

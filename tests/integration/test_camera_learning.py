@@ -149,6 +149,10 @@ def test_settings_are_adopted_live_refused_with_a_reason_and_known_after_a_resta
     assert camera.problems() == {}
     camera.align(2, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0)
     camera.until(lambda: "version 2 is refused" in camera.problems().get("alignment", ""), "a refused alignment")
+    camera.align(2, 1e300, 0.0, 0.0, 0.0, 1e300, 0.0, 0.0, 0.0, 1.0)
+    camera.until(lambda: "nine finite numbers" in camera.problems().get("alignment", ""), "a refused overflow")
+    camera.align(2, 1.0, 0.0, 500.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    camera.until(lambda: "at most 10 m" in camera.problems().get("alignment", ""), "a refused shift")
     camera.align(3, 1.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     camera.until(lambda: camera.problems() == {}, "an alignment that can be used")
     camera.process.kill()

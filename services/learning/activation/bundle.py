@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import msgspec
+from msgspec import Meta
 
+from services.learning.activation.content import Contents
 from services.learning.activation.kinds import PERSONAL, read_model, subject_of
 from services.learning.activation.rows import StoredModel
 from shared.learning_report import ModelKind
@@ -17,6 +20,8 @@ from shared.site import Site
 __all__ = ["Bundle", "BundleError", "Carried", "Incoming", "Renaming", "pack", "unpack"]
 
 FORMAT = "atrium-models/1"
+LONGEST_REASON = 500
+"""Characters: each museum adds whom it had a model from."""
 
 
 class BundleError(ValueError):
@@ -34,13 +39,13 @@ class Carried(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """One model in a document."""
 
     kind: ModelKind
-    subject: str
-    area: str
-    version: int
+    subject: Annotated[str, Meta(max_length=64)]
+    area: Annotated[str, Meta(max_length=64)]
+    version: Annotated[int, Meta(ge=1, lt=2**31)]
     t: float
     """When it went live there."""
     reason: str = ""
-    evidence: dict[str, float] = {}
+    evidence: Annotated[dict[Annotated[str, Meta(max_length=128)], float], Meta(max_length=256)] = {}
     model: msgspec.Raw
     """The message of the bus."""
 
@@ -49,7 +54,7 @@ class Bundle(msgspec.Struct, frozen=True, kw_only=True):
     """All models of one site, as a document."""
 
     format: str
-    site: str
+    site: Annotated[str, Meta(max_length=64)]
     t: float
     models: list[Carried] = []
 
@@ -90,7 +95,7 @@ def pack(models: Sequence[StoredModel], site: str, t: float, *, personal: bool) 
             area=one.area,
             version=one.version,
             t=one.decided,
-            reason=one.reason,
+            reason=one.reason[:LONGEST_REASON],
             evidence=dict(one.evidence),
             model=msgspec.Raw(msgspec.json.encode(one.model)),
         )
@@ -115,7 +120,10 @@ def unpack(document: bytes, site: Site, names: Renaming) -> list[Incoming]:
     if not bundle.models:
         raise BundleError("bundle.models: found none; allowed: one or more")
     _check_renaming(bundle, site, names)
-    incoming = [_here(f"bundle.models[{row}]", one, bundle.site, site, names) for row, one in enumerate(bundle.models)]
+    contents = Contents(site)
+    incoming = [
+        _here(f"bundle.models[{row}]", one, bundle.site, site, names, contents) for row, one in enumerate(bundle.models)
+    ]
     seen: set[tuple[str, str]] = set()
     for row, one in enumerate(incoming):
         if (one.kind, one.subject) in seen:
@@ -138,7 +146,7 @@ def _check_renaming(bundle: Bundle, site: Site, names: Renaming) -> None:
                 raise BundleError(f"{field}.{old}: found {new!r}; allowed: {', '.join(here[field]) or 'none'}", field)
 
 
-def _here(where: str, one: Carried, origin: str, site: Site, names: Renaming) -> Incoming:
+def _here(where: str, one: Carried, origin: str, site: Site, names: Renaming, contents: Contents) -> Incoming:
     try:
         model = read_model(one.kind, bytes(one.model))
     except MessageError as error:
@@ -163,8 +171,10 @@ def _here(where: str, one: Carried, origin: str, site: Site, names: Renaming) ->
         model = msgspec.structs.replace(model, camera=subject)
     elif origin != site.site:
         raise BundleError(f"{where}.kind: found {one.kind} of another site's phone; allowed: of this site's phones")
+    if problem := contents.problem(model):
+        raise BundleError(f"{where}.model: {problem}")
     reason = f"from {origin}, version {one.version} there: {one.reason}" if one.reason else f"from {origin}"
-    return Incoming(one.kind, subject, area, model, reason, dict(one.evidence))
+    return Incoming(one.kind, subject, area, model, reason[:LONGEST_REASON], dict(one.evidence))
 
 
 def _radio_here(where: str, model: RadioModelUpdate, area: str, origin: str, site: Site) -> RadioModelUpdate:

@@ -18,7 +18,7 @@ from shared.messages import (
     decode,
 )
 
-__all__ = ["MESSAGES", "PERSONAL", "as_configured", "kind_of", "numbered", "read_model", "subject_of"]
+__all__ = ["MESSAGES", "PERSONAL", "as_configured", "is_configured", "kind_of", "numbered", "read_model", "subject_of"]
 
 MESSAGES: dict[ModelKind, type[Message]] = {
     "radio": RadioModelUpdate,
@@ -91,3 +91,11 @@ def as_configured(kind: ModelKind, subject: str, t: float) -> Message:
         case "heading":
             # Nought adds nothing to what the phone itself says of its headings.
             return HeadingModel(t=t, device=subject, version=0, bias=0.0, variance=0.0)
+
+
+def is_configured(model: Message) -> bool:
+    """Return whether a model is the one that takes all others of its kind and subject back."""
+    unit = as_configured(kind_of(model), subject_of(model), 0.0)
+    return (
+        numbered(msgspec.structs.replace(model, **({"reason": ""} if hasattr(model, "reason") else {})), 0, 0.0) == unit
+    )

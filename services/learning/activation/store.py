@@ -13,7 +13,8 @@ import msgspec
 from sqlalchemy import Engine, delete, select
 from sqlalchemy.orm import Session
 
-from services.learning.activation.kinds import PERSONAL, as_configured
+from services.learning.activation.content import Contents
+from services.learning.activation.kinds import PERSONAL, as_configured, is_configured, kind_of, subject_of
 from services.learning.activation.rows import (
     Decided,
     StoredModel,
@@ -31,8 +32,9 @@ from services.learning.activation.tables import DecisionRow, ModelRow, SwitchRow
 from shared.learning_report import Activation, ModelKind
 from shared.messages import Message
 
-__all__ = ["ModelStore", "NoSuchModelError"]
+__all__ = ["ModelStore", "NoSuchModelError", "UnusableModelError"]
 
+Went = Literal["activated", "rolled back"]
 _decision = msgspec.json.Decoder(Activation)
 
 
@@ -40,19 +42,31 @@ class NoSuchModelError(LookupError):
     """There is no such model: the text says what there is instead."""
 
 
+class UnusableModelError(ValueError):
+    """A model may not go live: the text says what it says that no model may say, and what is allowed."""
+
+
 class ModelStore:
     """The models of one site. Used by one thread.
 
     Args:
         engine: an open database with learning's tables.
+        contents: knows what models may say.
 
     Attributes:
         states: what the learners know.
     """
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: Engine, contents: Contents | None = None) -> None:
         self._engine = engine
+        self._contents = contents or Contents()
         self.states = LearnerStates(engine)
+
+    def problem(self, model: Message) -> str:
+        """Return why a model may not go live; empty: it may."""
+        if is_configured(model):
+            return ""
+        return self._contents.problem(model)
 
     # -- what there is ---------------------------------------------------------------------------------------------
 
@@ -99,18 +113,25 @@ class ModelStore:
 
     def before(self, model: StoredModel) -> Message:
         """Return the model that ``model`` replaced; as configured where there was none, or it is gone."""
-        if model.replaced:
+        former = self._former(model)
+        return as_configured(model.kind, model.subject, model.decided) if former is None else former.model
+
+    def _former(self, model: StoredModel) -> StoredModel | None:
+        """Return the newest model before ``model`` that can be used; None: as configured."""
+        while model.replaced:
             try:
-                return self.get(model.kind, model.subject, model.replaced).model
+                model = self.get(model.kind, model.subject, model.replaced)
             except NoSuchModelError:
-                pass
-        return as_configured(model.kind, model.subject, model.decided)
+                return None
+            if not self.problem(model.model):
+                return model
+        return None
 
     def history(self, most: int = 200) -> list[Activation]:
         """Return the latest decisions, newest first."""
         with Session(self._engine) as session:
             told = session.scalars(select(DecisionRow.told).order_by(DecisionRow.id.desc()).limit(most)).all()
-        return [_decision.decode(line) for line in told]
+        return [one for line in told if (one := _read(line)) is not None]
 
     # -- decisions, one transaction each -----------------------------------------------------------------------------
 
@@ -127,15 +148,30 @@ class ModelStore:
             return known(row)
 
     def take_in_all(
-        self, models: Sequence[tuple[Message, ModelKind, str, str]], how: Sequence[Decided]
+        self, models: Sequence[tuple[Message, ModelKind, str, str]], how: Sequence[Decided], *, live: bool = False
     ) -> list[StoredModel]:
-        """Write down models from elsewhere, (message, kind, subject, area) each, all of them or none; none is live."""
+        """Write down models from elsewhere, (message, kind, subject, area) each, all of them or none.
+
+        Args:
+            models: what comes in.
+            how: why and when, of each.
+            live: whether they are live from now on; else they wait.
+
+        Raises:
+            UnusableModelError: one may not go live and should.
+        """
+        if live:
+            for model, *_ in models:
+                self._check(model)
         with Session(self._engine) as session, session.begin():
             rows = []
             for (model, kind, subject, area), why in zip(models, how, strict=True):
                 # One at a time waits to be tried: the newer takes the place of an older one.
                 waiting = (*which(kind, subject), ModelRow.state == "imported")
                 session.execute(delete(ModelRow).where(*waiting))
+                if live:
+                    rows.append(_activated(session, model, kind, subject, area, why, "activated", probation=False))
+                    continue
                 rows.append(new_row(session, model, kind, subject, area, "imported", why))
                 write_decision(session, rows[-1], "imported", why)
                 let_go(session, kind, subject)
@@ -150,10 +186,14 @@ class ModelStore:
                 write_decision(session, row, "refused", how)
 
     def promote(self, model: StoredModel, how: Decided) -> StoredModel:
-        """Make a model live that is stored already, as a new version."""
+        """Make a model live that is stored already, as a new version; one that was imported waits no more.
+
+        Raises:
+            UnusableModelError: it may not go live; nothing has changed.
+        """
         return self._activate(
             model.model, model.kind, model.subject, model.area, how, "activated", probation=how.by == "learning",
-            origin=model.version,
+            origin=model.version if model.state == "imported" else None,
         )  # fmt: skip
 
     def roll_back(self, kind: ModelKind, subject: str, how: Decided) -> StoredModel:
@@ -167,10 +207,16 @@ class ModelStore:
             raise NoSuchModelError(
                 f"subject: no {kind} model of {subject!r} is active; allowed: {self._subjects(kind)}"
             )
-        former = self.before(current)
+        if not current.replaced and is_configured(current.model):
+            raise NoSuchModelError(
+                f"subject: {kind} of {subject!r} is as configured already; allowed: {self._subjects(kind)}"
+            )
+        former = self._former(current)
+        model = as_configured(kind, subject, current.decided) if former is None else former.model
         return self._activate(
-            former, kind, subject, current.area, how, "rolled back", probation=False, back_to=current.replaced
-        )
+            model, kind, subject, current.area, how, "rolled back", probation=False,
+            replaced=0 if former is None else former.replaced,
+        )  # fmt: skip
 
     def settle(self, kind: ModelKind, subject: str) -> None:
         """End the probation of the live model: it has stood it."""
@@ -180,49 +226,15 @@ class ModelStore:
                 row.probation = False
 
     def _activate(
-        self,
-        model: Message,
-        kind: ModelKind,
-        subject: str,
-        area: str,
-        how: Decided,
-        decision: Literal["activated", "rolled back"],
-        *,
-        probation: bool,
-        origin: int | None = None,
-        back_to: int | None = None,
+        self, model: Message, kind: ModelKind, subject: str, area: str, how: Decided, decision: Went, **more: Any
     ) -> StoredModel:
-        """Make a model live as a new version.
-
-        Args:
-            model: what is published; numbered here.
-            kind: of model.
-            subject: of what.
-            area: whose fusion tries it.
-            how: why and when.
-            decision: what the history calls it.
-            probation: whether it will be held against the one before.
-            origin: version of the row the model is taken from, which goes.
-            back_to: the version it is again; what that one replaced is what it replaces.
-        """
+        self._check(model)
         with Session(self._engine) as session, session.begin():
-            before = active_row(session, kind, subject)
-            replaced = 0 if before is None else before.version
-            if before is not None:
-                before.state = "superseded" if decision == "activated" else "rolled back"
-                before.probation = False
-                if decision == "rolled back":
-                    before.reason = how.reason
-            if back_to is not None:
-                again = session.scalar(rows_of(kind, subject).where(ModelRow.version == back_to))
-                replaced = 0 if again is None else again.replaced
-            if origin is not None:
-                session.execute(delete(ModelRow).where(*which(kind, subject), ModelRow.version == origin))
-            row = new_row(session, model, kind, subject, area, "active", how)
-            row.replaced, row.probation = replaced, probation
-            write_decision(session, row, decision, how)
-            let_go(session, kind, subject)
-            return known(row)
+            return known(_activated(session, model, kind, subject, area, how, decision, **more))
+
+    def _check(self, model: Message) -> None:
+        if why := self.problem(model):
+            raise UnusableModelError(f"{kind_of(model)} model of {subject_of(model)[:64]}: {why}")
 
     # -- switch, erasure ---------------------------------------------------------------------------------------------
 
@@ -256,4 +268,58 @@ class ModelStore:
             return ", ".join(str(row.version) for row in rows) or f"none, there is no {kind} model of {subject!r}"
 
     def _subjects(self, kind: ModelKind) -> str:
-        return ", ".join(sorted({model.subject for model in self.all_active() if model.kind == kind})) or "none now"
+        live = (model for model in self.all_active() if model.kind == kind)
+        changed = {model.subject for model in live if model.replaced or not is_configured(model.model)}
+        return ", ".join(sorted(changed)) or "none now"
+
+
+def _activated(
+    session: Session,
+    model: Message,
+    kind: ModelKind,
+    subject: str,
+    area: str,
+    how: Decided,
+    decision: Went,
+    *,
+    probation: bool,
+    origin: int | None = None,
+    replaced: int | None = None,
+) -> ModelRow:
+    """Make a model live as a new version.
+
+    Args:
+        session: within a transaction.
+        model: what is published; numbered here.
+        kind: of model.
+        subject: of what.
+        area: whose fusion tries it.
+        how: why and when.
+        decision: what the history calls it.
+        probation: whether it will be held against the one before.
+        origin: version of the row the model is taken from, which goes.
+        replaced: the version a next roll-back leads to; None: the one that is live.
+    """
+    before = active_row(session, kind, subject)
+    if before is not None:
+        before.state = "superseded" if decision == "activated" else "rolled back"
+        before.probation = False
+        if decision == "rolled back":
+            before.reason = how.reason
+    if replaced is None:
+        replaced = 0 if before is None else before.version
+    if origin is not None:
+        session.execute(delete(ModelRow).where(*which(kind, subject), ModelRow.version == origin))
+    row = new_row(session, model, kind, subject, area, "active", how)
+    row.replaced, row.probation = replaced, probation
+    write_decision(session, row, decision, how)
+    let_go(session, kind, subject)
+    return row
+
+
+def _read(line: str) -> Activation | None:
+    """Return a decision; None where it cannot be read any more: a newer program knew more kinds."""
+    try:
+        return _decision.decode(line)
+    except msgspec.DecodeError:
+        return None

@@ -323,6 +323,28 @@ def test_with_activation_off_candidates_are_tried_and_told_of_only(switch: str) 
     assert "would go live" in world.loop.store.history()[0].reason
 
 
+def test_an_imported_model_that_wins_while_frozen_waits_and_goes_live_after() -> None:
+    world = World()
+    come: tuple[Message, ModelKind, str, str] = (radio(power=-41.0), "radio", "hall", "hall")
+    world.loop.store.take_in_all([come], [Decided(BEGIN, BEGIN, "from elsewhere")])
+    world.loop.store.freeze(True)
+    world.live_until(BEGIN + 60.0)
+    assert world.asked
+    assert [one.state for one in world.loop.store.models()] == ["imported"]
+    world.loop.store.freeze(False)
+    world.live_until(BEGIN + 180.0, BEGIN + 60.0)
+    assert world.decisions() == ["imported", "activated"]
+    assert world.powers() == [-41.0]
+
+
+def test_what_wins_and_could_be_used_by_nobody_is_refused() -> None:
+    world = World()
+    world.propose(power=1e6)
+    world.live_until(BEGIN + 60.0)
+    assert (world.decisions(), world.sent) == (["refused"], [])
+    assert "model.power_1m: found 1e+06; allowed: -150 to 50" in world.loop.store.history()[0].reason
+
+
 def test_killed_between_decision_and_publication_the_model_is_published_at_the_next_start() -> None:
     world = World()
     world.propose()

@@ -7,16 +7,20 @@ from typing import Any
 import msgspec
 import pytest
 from learning_models import TestLearner, area, lesson, power_of, radio, stride
+from sqlalchemy import event, select
+from sqlalchemy.orm import Session
 
 from services.learning.activation.bundle import BundleError, Renaming, pack, unpack
+from services.learning.activation.content import Contents
 from services.learning.activation.database import in_memory
 from services.learning.activation.gate import Gate
 from services.learning.activation.rows import Decided
 from services.learning.activation.store import ModelStore
+from services.learning.activation.tables import ModelRow
 from services.learning.commands import Commands
 from services.learning.loop import LearningLoop
 from shared.learning_command import LearningAnswer
-from shared.messages import DetectorSettings, Erasure, Message, RadioModelUpdate
+from shared.messages import DetectorSettings, Erasure, Message, RadioModelUpdate, encode
 from shared.site import Site, load_site
 
 POINTS = [f"ap-{number}" for number in range(1, 7)]
@@ -33,7 +37,7 @@ def site(project: Path) -> Site:
 def store() -> ModelStore:
     store = ModelStore(in_memory())
     store.activate(radio("hall", -41.0, "hall", POINTS), "radio", "hall", "hall", HOW)
-    settings = DetectorSettings(t=0.0, camera="hall-east", version=0, options={"threshold": 20.0})
+    settings = DetectorSettings(t=0.0, camera="hall-east", version=0, options={"sensitivity": 20.0})
     store.activate(settings, "detector", "hall-east", "hall", HOW)
     store.activate(stride("d-1"), "stride", "d-1", "hall", HOW)
     store.refuse(radio("hall", -60.0, "hall", POINTS), "radio", "hall", "hall", HOW)
@@ -103,6 +107,18 @@ def test_a_camera_of_another_name_is_renamed_and_an_unknown_one_refused(document
         (lambda d: d["models"][1]["model"]["model"].update(access_points=["ap-9"] * 6), "other access points than"),
         (lambda d: d["models"][1]["model"]["model"].update(site="x"), "model.site: found 'x'; allowed: that of the"),
         (lambda d: d["models"][1].update(kind="weather"), "Invalid enum value 'weather'"),
+        (
+            lambda d: d["models"][0]["model"].update(options={"nonsense": 5}),
+            "bundle.models[0].model: options: found 'nonsense'; allowed: learning_rate, sensitivity",
+        ),
+        (
+            lambda d: d["models"][0]["model"].update(options={"learning_rate": -5}),
+            "options.learning_rate: found -5; allowed: 1e-06 to 10",
+        ),
+        (lambda d: d["models"][1]["model"]["model"].update(cell=1e300), "model.cell: found 1e+300; allowed: 0.01 to"),
+        (lambda d: d["models"][1]["model"]["model"]["exponent"].__setitem__(2, -3.0), "model.exponent: found -3;"),
+        (lambda d: d["models"][1].update(version=10**30), "models[1].version"),
+        (lambda d: d["models"][1].update(evidence={"x" * 200: 1.0}), "length <= 128"),
     ],
 )
 def test_what_does_not_fit_is_refused_by_place_and_value(
@@ -110,6 +126,54 @@ def test_what_does_not_fit_is_refused_by_place_and_value(
 ) -> None:
     change(document)
     assert words in refused(document, site)
+
+
+def carried(kind: str, area: str = "hall", **model: Any) -> dict[str, Any]:
+    subject = model.get("device", model.get("camera"))
+    model = {"t": 0.0, "version": 1, **model}
+    return {"kind": kind, "subject": subject, "area": area, "version": 1, "t": 0.0, "model": model}
+
+
+def phones(*devices: str, slope: float = 0.3) -> list[dict[str, Any]]:
+    lines = {"slope": slope, "offset": 0.1, "scale_variance": 0.01}
+    return [carried("stride", device=device, **lines) for device in devices]
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        *((phones(device)[0], "stride model: found a subject called") for device in ("d/../*", "*", "d 1")),
+        (phones("d-1", slope=-1e9)[0], "slope: found -1e+09; allowed: -5 to 5"),
+        (carried("heading", device="d-1", bias=0.1, variance=-1.0), "variance: found -1; allowed: 0 to 100"),
+        *(
+            (carried("alignment", camera="hall-east", homography=homography), words)
+            for homography, words in (
+                ([1e300, 0, 0, 0, 1e300, 0, 0, 0, 1], "allowed: nine finite numbers"),
+                ([0] * 9, "mirrors or flattens"),
+                ([1, 0, 40, 0, 1, 0, 0, 0, 1], "moves the floor the camera sees by 40 m; allowed: at most 10 m"),
+                ([9, 0, 0, 0, 9, 0, 0, 0, 1], "stretches the plan by 9 to 9"),
+            )
+        ),
+    ],
+)
+def test_what_no_model_may_say_is_refused_on_the_way_in_even_if_forced(
+    document: dict[str, Any], site: Site, model: dict[str, Any], words: str
+) -> None:
+    document["models"].append(model)
+    assert words in refused(document, site)
+    here = Museum(site)
+    assert not here.order(do="import", bundle=document, force=True).done
+    assert (here.sent, here.store.models()) == ([], [])
+
+
+def test_what_an_alignment_that_was_learned_says_comes_in(document: dict[str, Any], site: Site) -> None:
+    document["models"].append(carried("alignment", camera="hall-east", homography=[1, 0.1, 0.5, -0.1, 1, 2, 0, 0, 1]))
+    assert [one.kind for one in unpack(json.dumps(document).encode(), site, AS_IT_IS)][2] == "alignment"
+
+
+def test_what_was_said_of_a_model_does_not_grow_from_museum_to_museum(document: dict[str, Any], site: Site) -> None:
+    document["models"][1]["reason"] = "so it is. " * 10_000
+    assert len(unpack(json.dumps(document).encode(), site, AS_IT_IS)[1].reason) == 500
 
 
 class Museum:
@@ -139,7 +203,8 @@ def test_an_import_waits_for_the_gate_unless_it_is_forced(store: ModelStore, sit
     here = Museum(site)
     answer = here.order(do="import", bundle=bundle)
     assert answer.done
-    assert "live once they win" in answer.words
+    assert "radio of hall" in answer.words.partition("live once they win")[2].partition(";")[0]
+    assert answer.words.endswith("live once you say so (`atrium models activate`): detector of hall-east")
     assert here.sent == []
     assert [one.state for one in here.store.models()] == ["imported", "imported"]
     assert here.order(do="import", bundle=bundle, force=True).done
@@ -158,6 +223,69 @@ def test_an_older_backup_brings_nobody_back_who_withdrew(store: ModelStore, site
     backup["models"] = [one for one in backup["models"] if one["kind"] == "stride"]
     answer = here.order(do="import", bundle=backup)
     assert (answer.done, answer.field) == (False, "bundle")
+
+
+def test_a_forced_import_is_all_or_nothing(store: ModelStore, site: Site) -> None:
+    bundle = Museum(site, store).order(do="export").bundle
+    engine = in_memory()
+    here = Museum(site, ModelStore(engine))
+
+    @event.listens_for(engine, "before_cursor_execute")
+    def fail(_c: object, _cursor: object, statement: str, values: Any, *_: object) -> None:
+        if statement.startswith("INSERT INTO learning_models") and "radio" in values:
+            raise OSError("the disk is full")
+
+    with pytest.raises(OSError, match="full"):
+        here.order(do="import", bundle=bundle, force=True)
+    event.remove(engine, "before_cursor_execute", fail)
+    assert (here.sent, here.store.models(), here.store.history()) == ([], [], [])
+    assert here.order(do="import", bundle=bundle, force=True).done
+    assert [(one.state, one.version) for one in here.store.models()] == [("active", 1)] * 2
+
+
+@pytest.mark.parametrize("device", ["d/../*", "*"])
+def test_a_live_model_that_cannot_be_used_ends_nothing_is_told_and_goes_by_a_roll_back(site: Site, device: str) -> None:
+    engine = in_memory()
+    before = Museum(site, ModelStore(engine))
+    before.store.activate(stride("d-1"), "stride", "d-1", "hall", HOW)
+    before.store.activate(radio("hall", -41.0, "hall", POINTS), "radio", "hall", "hall", HOW)
+    with Session(engine) as session, session.begin():  # as a program without these checks has left it
+        row = session.scalars(select(ModelRow).where(ModelRow.kind == "stride")).one()
+        row.subject, row.payload = device, encode(stride(device))
+    here = Museum(site, ModelStore(engine, Contents(site)))
+    here.loop.begin()
+    here.loop.look(100.0)
+    assert [type(one) for one in here.sent] == [RadioModelUpdate]
+    [told] = here.loop.decisions.untold()
+    assert told.startswith("the live stride model of a phone is not in use: stride model: found a subject called")
+    assert here.order(do="rollback", kind="stride", subject=device).done
+    assert here.loop.decisions.untold() == []
+    assert len(here.sent) == 1
+
+
+def test_a_stored_model_that_cannot_be_used_is_not_made_live_by_hand(store: ModelStore, site: Site) -> None:
+    settings = DetectorSettings(t=0.0, camera="hall-east", version=0, options={"learning_rate": -5.0})
+    bad = store.refuse(settings, "detector", "hall-east", "hall", HOW)
+    here = Museum(site, store)
+    answer = here.order(do="activate", kind="detector", subject="hall-east", version=bad.version)
+    assert (answer.done, answer.field) == (False, "version")
+    assert "options.learning_rate: found -5; allowed: 1e-06 to 10" in answer.words
+    assert (here.sent, store.live_version("detector", "hall-east")) == ([], 1)
+
+
+def test_an_export_tells_of_what_is_in_it(store: ModelStore, site: Site) -> None:
+    here = Museum(site, store)
+    assert here.order(do="export").words == "2 models that are live (1 more of people's phones are left out)"
+    assert here.order(do="export", personal=True).words == "3 models that are live"
+
+
+def test_what_is_configured_is_not_rolled_back_again_and_again(store: ModelStore, site: Site) -> None:
+    here = Museum(site, store)
+    assert here.order(do="rollback", kind="radio", subject="hall").done
+    answer = here.order(do="rollback", kind="radio", subject="hall")
+    assert (answer.done, answer.field) == (False, "subject")
+    assert answer.words == "subject: radio of 'hall' is as configured already; allowed: none now"
+    assert len(here.sent) == 1
 
 
 def test_an_import_that_is_refused_stores_nothing(document: dict[str, Any], site: Site) -> None:

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 from learning_models import power_of, radio, stride
-from sqlalchemy import Engine, event, inspect
+from sqlalchemy import Engine, event, inspect, select
 from sqlalchemy.orm import Session
 from typer.testing import CliRunner
 
@@ -15,8 +15,8 @@ from services.gateway.devices.database import schema_problem as gateway_problem
 from services.learning.activation.database import SCHEMA, in_memory, migrate, open_learning
 from services.learning.activation.rows import KEPT_MODELS, Decided
 from services.learning.activation.store import ModelStore, NoSuchModelError
-from services.learning.activation.tables import Base, LearnerRow, ModelRow
-from shared.messages import RadioModelUpdate, StrideModel
+from services.learning.activation.tables import Base, DecisionRow, LearnerRow, ModelRow
+from shared.messages import RadioModelUpdate, StrideModel, encode
 from shared.runner import ServiceError
 
 
@@ -85,6 +85,36 @@ def test_a_roll_back_is_a_new_version_of_the_model_before_and_the_next_goes_one_
     told = store.history()
     assert [one.decision for one in told] == ["rolled back"] * 3 + ["activated"] * 3
     assert (told[1].by, told[1].reason) == ("operator", "worse still")
+
+
+def test_a_model_made_live_by_hand_is_one_step_back_like_any_other(store: ModelStore) -> None:
+    for power in (-40.0, -41.0, -42.0):
+        activate(store, power)
+    store.promote(store.get("radio", "hall", 2), how(by="operator"))
+    powers = [power_of(store.roll_back("radio", "hall", how()).model) for _ in range(4)]
+    assert powers == [-42.0, -41.0, -40.0, None]
+    with pytest.raises(NoSuchModelError, match="radio of 'hall' is as configured already; allowed: none now"):
+        store.roll_back("radio", "hall", how())
+
+
+def test_the_way_back_passes_over_what_nobody_could_use(engine: Engine, store: ModelStore) -> None:
+    for power in (-40.0, -41.0, -42.0):
+        activate(store, power)
+    with Session(engine) as session, session.begin():
+        row = session.scalars(select(ModelRow).where(ModelRow.version == 2)).one()
+        row.payload = encode(radio(power=1e6))
+    assert power_of(store.roll_back("radio", "hall", how()).model) == -40.0
+    assert power_of(store.roll_back("radio", "hall", how()).model) is None
+
+
+def test_a_decision_of_a_newer_program_is_passed_over(engine: Engine, store: ModelStore) -> None:
+    activate(store, -40.0)
+    activate(store, -41.0)
+    with Session(engine) as session, session.begin():
+        row = session.scalars(select(DecisionRow)).first()
+        assert row is not None
+        row.told = row.told.replace('"activated"', '"merged"')
+    assert [one.version for one in store.history()] == [2]
 
 
 def test_without_a_live_model_a_roll_back_says_what_there_is(store: ModelStore) -> None:
