@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
-from shared.learning_report import MapGrid, ModelKind
+from shared.learning_report import Activation, MapGrid, ModelKind
 
 __all__ = ["LearningAnswer", "LearningCommand", "MapKind", "ModelLine"]
 
@@ -16,13 +16,13 @@ MapKind = Literal["visits", "occlusion", "radio", "shadowing", "magnetic"]
 class LearningCommand(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One order. What an order does not need stays as it is."""
 
-    do: Literal["list", "activate", "rollback", "freeze", "unfreeze", "export", "import", "map"]
+    do: Literal["list", "activate", "rollback", "freeze", "unfreeze", "export", "import", "map", "history"]
     by: str = ""
     """Who asked: the name of a key, for log and history."""
     kind: ModelKind | None = None
     subject: str | None = None
     """``rollback``: the model of this kind of this area, camera or device returns to the version before;
-    ``activate``: its ``version`` goes live without being tried."""
+    ``activate``: its ``version`` goes live without being tried; ``history``: only of this kind and subject."""
     version: int | None = None
     area: str | None = None
     map: MapKind | None = None
@@ -39,7 +39,10 @@ class LearningCommand(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     force: bool = False
     """``import``: models go live at once, untried."""
     personal: bool = False
-    """``export``: models of people's phones too."""
+    """``export``, ``history``: models of people's phones too."""
+    before: float | None = None
+    most: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 100
+    """``history``: decisions older than this, at most so many, but never half of those of one moment."""
 
 
 class ModelLine(msgspec.Struct, frozen=True, kw_only=True):
@@ -70,5 +73,9 @@ class LearningAnswer(msgspec.Struct, frozen=True, kw_only=True):
     """``list``: all that are stored, by kind and subject, newest first."""
     bundle: msgspec.Raw = msgspec.Raw(b"null")
     """``export``: all models."""
+    history: list[Activation] = []
+    """``history``: decisions, newest first."""
+    older: bool = False
+    """``history``: whether there are more before them."""
     map: MapGrid | None = None
     """``map``: the grid; None where nothing is learned yet, ``words`` says so."""

@@ -65,6 +65,12 @@ class Double:
                 words = f"there is no {command.kind} model of {command.subject!r}"
                 return LearningAnswer(done=False, words=words, field="subject", unknown=True)
             return LearningAnswer(done=True, words="area hall is back at radio model 2, as version 4", version=4)
+        if command.do == "history":
+            rows = [row for row in self.report.history if command.kind in (None, row.kind)]
+            rows = [row for row in rows if command.subject in (None, row.subject)]
+            rows = [row for row in rows if command.before is None or row.t < command.before]
+            page = [row for row in rows if row.t >= rows[: command.most][-1].t]
+            return LearningAnswer(done=True, history=page, older=len(page) < len(rows))
         if command.do == "export":
             return LearningAnswer(done=True, bundle=msgspec.Raw(b'{"format":"atrium-models/1","models":[]}'))
         if b"other-site" in bytes(command.bundle):

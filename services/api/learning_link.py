@@ -83,6 +83,25 @@ class LearningLink:
             self._asked = -KEPT  # what was done shows at once
         return answer
 
+    def history(self, command: LearningCommand) -> LearningAnswer:
+        """Return one page of decisions; nothing is kept of it.
+
+        Raises:
+            ProblemError: learning does not answer, cannot read its decisions, or something else answers.
+        """
+        answer = self._send(command)
+        if not answer.done:
+            raise ProblemError(
+                Problem(
+                    type="urn:atrium:no-history",
+                    title="Learning cannot tell its decisions",
+                    status=503,
+                    detail=answer.words or "learning did not say why",
+                ),
+                {"Retry-After": "5"},
+            )
+        return answer
+
     def map(self, area: str, kind: MapKind, access_point: str | None) -> LearningAnswer:
         """Return the answer to an order for a map, at most ``MAP_KEPT`` seconds old.
 

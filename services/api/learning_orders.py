@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import msgspec
 import structlog
@@ -19,6 +18,7 @@ from services.api.openapi import documented, errors
 from services.api.problems import Problem, ProblemError
 from shared.keys import is_identifier
 from shared.learning_command import LearningAnswer, LearningCommand
+from shared.learning_report import ModelKind
 
 __all__ = ["learning_orders"]
 
@@ -162,15 +162,24 @@ def _renamed(field: str, pairs: Sequence[str]) -> dict[str, str]:
 
 
 def _roll_back_of(body: bytes) -> RollBack:
+    allowed = '{"kind": …, "subject": …}, a kind of model and an area, camera or device'
     try:
-        return msgspec.json.decode(body, type=RollBack)
+        told = msgspec.json.decode(body, type=dict[str, Any])
     except msgspec.MsgspecError as reason:
-        named = re.search(r"\$\.(\w+)|field `(\w+)`", str(reason))
-        field = (named[1] or named[2]) if named else "body"
-        allowed = (
-            '{"kind": "radio", "detector", "stride", "heading" or "alignment", "subject": "an area, camera or device"}'
-        )
-        raise _invalid(field, str(reason), allowed) from reason
+        raise _invalid("body", str(reason), allowed) from reason
+    for field in told:
+        if field not in ("kind", "subject"):
+            raise _invalid(field[:64], "a field that means nothing here", allowed)
+    kind, subject = told.get("kind"), told.get("subject")
+    if kind not in get_args(ModelKind):
+        raise _invalid("kind", _value(kind), ", ".join(get_args(ModelKind)))
+    if not isinstance(subject, str):
+        raise _invalid("subject", _value(subject), "the id of an area, camera or device")
+    return msgspec.convert(told, RollBack)
+
+
+def _value(found: object) -> str:
+    return "nothing" if found is None else str(found)[:64]
 
 
 def _invalid(field: str, found: str, allowed: str) -> ProblemError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -23,6 +24,7 @@ from services.api.learning_replies import (
 )
 from services.api.openapi import documented
 from services.api.problems import unknown
+from shared.learning_command import LearningCommand
 from shared.learning_report import Activation, AreaLessons, ModelKind
 from shared.site import Site
 
@@ -109,16 +111,12 @@ def learning_reads(site: Site, link: LearningLink) -> APIRouter:
         limit: Annotated[int, Query(ge=1, le=1000, description="at most this many, but never half a moment")] = 100,
     ) -> Response:
         """What went live, what was refused and what was taken back, and why; newest first."""
-        report = link.report()
-        rows = [
-            row
-            for row in _told(report.history, "positions" in _holder(request).scopes)
-            if (before is None or row.t < before) and kind in (None, row.kind) and subject in (None, row.subject)
-        ]
-        page = rows[:limit]
-        page += [row for row in rows[limit:] if row.t == page[-1].t]
-        more = len(page) < len(rows)
-        return _json(LearningHistory(t=report.t, history=page, before=page[-1].t if more else None))
+        personal = "positions" in _holder(request).scopes
+        told = link.history(
+            LearningCommand(do="history", kind=kind, subject=subject, before=before, most=limit, personal=personal)
+        )
+        page = _told(told.history, personal)
+        return _json(LearningHistory(t=time.time(), history=page, before=page[-1].t if told.older and page else None))
 
     return router
 

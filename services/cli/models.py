@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn, get_args
 
 import msgspec
 import typer
@@ -17,6 +17,7 @@ from services.cli.launcher import LauncherError
 from shared.bus import Bus, BusError
 from shared.keys import Keys
 from shared.learning_command import LearningAnswer, LearningCommand
+from shared.learning_report import ModelKind
 from shared.settings import DEFAULT_ENDPOINT
 from shared.site import SiteError, load_site
 
@@ -44,6 +45,8 @@ def order(bus: Bus, site: str, fields: dict[str, Any]) -> LearningAnswer:
     Raises:
         ModelsError: the order is none, nobody answers, or it was refused.
     """
+    if fields.get("kind") not in (None, *get_args(ModelKind)):
+        raise ModelsError(f"kind: found {fields['kind']!r}; allowed: {', '.join(get_args(ModelKind))}")
     try:
         command = msgspec.convert(fields, LearningCommand)
     except msgspec.ValidationError as error:
@@ -112,7 +115,7 @@ def import_models(
     area: Annotated[list[str] | None, typer.Option(help="OLD=NEW: an area that has another name here")] = None,
     force: Annotated[bool, typer.Option("--force", help="make them live at once, untried")] = False,
 ) -> None:
-    """Take in models; each goes live once it wins against what is, on this site's own recent minutes."""
+    """Take in models: radio goes live once it wins on this site's own minutes, other kinds by `atrium models activate`."""
     try:
         document = file.read_bytes()
         msgspec.json.decode(document)
@@ -156,7 +159,7 @@ def activate(
 
 @app.command("freeze")
 def freeze(site: SiteOption = "hall", bus: BusOption = DEFAULT_ENDPOINT) -> None:
-    """Let nothing go live by itself any more; candidates are tried and told of all the same."""
+    """Let nothing new go live by itself; candidates are tried and told of, and what proves worse still goes back."""
     console.print(escape(_ordered(site, bus, {"do": "freeze"}).words))
 
 

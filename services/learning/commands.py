@@ -71,6 +71,10 @@ class Commands:
                 return self._switch(command, now)
             case "map":
                 return self._map(command)
+            case "history":
+                of = command.kind, command.subject, command.before, command.most
+                page, older = store.decisions(*of, personal=command.personal)
+                return LearningAnswer(done=True, history=page, older=older)
 
     def _export(self, command: LearningCommand, now: float) -> LearningAnswer:
         live = self._loop.store.all_active()

@@ -196,7 +196,7 @@ def test_models_move_to_another_installation_by_the_command_line(
         with running(site, project, tmp_path / "first", zenoh_router, learner):
             bus.publisher(KEYS.tracks("hall"), TrackFrame).publish(walk(1.0, 1000.0)[0])
             next_message(models(bus, KEYS.radio_model("hall"), RadioModelUpdate))
-            assert "1 models are live, written to" in atrium("export", str(file))
+            assert "1 models that are live, written to" in atrium("export", str(file))
             assert "radio hall 1 active" in atrium("list")
         with running(site, project, tmp_path, zenoh_router, TestLearner()):
             assert "is frozen" not in atrium("list")
@@ -207,7 +207,8 @@ def test_models_move_to_another_installation_by_the_command_line(
             assert "is live as version" in atrium("activate", "radio", "hall", str(version))
             assert power_of(next_message(models(bus, KEYS.radio_model("hall"), RadioModelUpdate))) == -41.0
             assert "--camera: found 'old'; allowed: OLD=NEW" in atrium("import", str(file), "--camera", "old")
-            assert "kind" in atrium("rollback", "rado", "hall")
+            wrong = "kind: found 'rado'; allowed: radio, detector, stride, heading, alignment"
+            assert wrong in atrium("rollback", "rado", "hall")
             file.write_text("[]")
             assert "bundle: no document of models" in atrium("import", str(file))
 

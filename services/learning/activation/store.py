@@ -133,6 +133,36 @@ class ModelStore:
             told = session.scalars(select(DecisionRow.told).order_by(DecisionRow.id.desc()).limit(most)).all()
         return [one for line in told if (one := _read(line)) is not None]
 
+    def decisions(
+        self, kind: ModelKind | None, subject: str | None, before: float | None, most: int, *, personal: bool
+    ) -> tuple[list[Activation], bool]:
+        """Return decisions, newest first, and whether there are older ones; never half of those of one moment.
+
+        Args:
+            kind: only of models of this kind; None: of all.
+            subject: only of this area, camera or device; None: of all.
+            before: only older ones, seconds since the epoch; None: the newest.
+            most: at most so many, and the rest of the last one's moment.
+            personal: whether also of models of people's phones.
+        """
+        wanted = select(DecisionRow.told).order_by(DecisionRow.id.desc())
+        if kind is not None:
+            wanted = wanted.where(DecisionRow.kind == kind)
+        if subject is not None:
+            wanted = wanted.where(DecisionRow.subject == subject)
+        if not personal:
+            wanted = wanted.where(DecisionRow.kind.not_in(PERSONAL))
+        page: list[Activation] = []
+        with Session(self._engine) as session:
+            for line in session.scalars(wanted):
+                one = _read(line)
+                if one is None or (before is not None and one.t >= before):
+                    continue
+                if len(page) >= most and one.t != page[-1].t:
+                    return page, True
+                page.append(one)
+        return page, False
+
     # -- decisions, one transaction each -----------------------------------------------------------------------------
 
     def activate(self, model: Message, kind: ModelKind, subject: str, area: str, how: Decided) -> StoredModel:

@@ -128,10 +128,10 @@ def test_what_does_not_fit_is_refused_by_place_and_value(
     assert words in refused(document, site)
 
 
-def carried(kind: str, area: str = "hall", **model: Any) -> dict[str, Any]:
+def carried(kind: str, **model: Any) -> dict[str, Any]:
     subject = model.get("device", model.get("camera"))
     model = {"t": 0.0, "version": 1, **model}
-    return {"kind": kind, "subject": subject, "area": area, "version": 1, "t": 0.0, "model": model}
+    return {"kind": kind, "subject": subject, "area": "hall", "version": 1, "t": 0.0, "model": model}
 
 
 def phones(*devices: str, slope: float = 0.3) -> list[dict[str, Any]]:
@@ -271,6 +271,28 @@ def test_a_stored_model_that_cannot_be_used_is_not_made_live_by_hand(store: Mode
     assert (answer.done, answer.field) == (False, "version")
     assert "options.learning_rate: found -5; allowed: 1e-06 to 10" in answer.words
     assert (here.sent, store.live_version("detector", "hall-east")) == ([], 1)
+
+
+def test_all_decisions_that_are_kept_can_be_asked_for_page_by_page(site: Site) -> None:
+    here = Museum(site)
+    for number in range(240):
+        which = radio("hall", -41.0, "hall", POINTS) if number % 3 else stride(f"d-{number % 7}")
+        kind, subject = ("radio", "hall") if number % 3 else ("stride", f"d-{number % 7}")
+        here.store.refuse(which, kind, subject, "hall", Decided(1000.0 + number // 4, 0.0, "loses"))  # type: ignore[arg-type]
+    seen: list[float] = []
+    asked: dict[str, Any] = {"do": "history", "most": 30, "personal": True}
+    while True:
+        page = here.order(**asked)
+        seen += [one.t for one in page.history]
+        assert 30 <= len(page.history) <= 33 or not page.older
+        if not page.older:
+            break
+        asked["before"] = page.history[-1].t
+    assert seen == [1000.0 + number // 4 for number in reversed(range(240))]
+    assert {one.kind for one in here.order(do="history", most=1000).history} == {"radio"}
+    phone = here.order(do="history", kind="stride", subject="d-3", most=1000, personal=True).history
+    assert {one.subject for one in phone} == {"d-3"}
+    assert here.order(do="history", before=1.0).history == []
 
 
 def test_an_export_tells_of_what_is_in_it(store: ModelStore, site: Site) -> None:
