@@ -115,7 +115,7 @@ def import_models(
     area: Annotated[list[str] | None, typer.Option(help="OLD=NEW: an area that has another name here")] = None,
     force: Annotated[bool, typer.Option("--force", help="make them live at once, untried")] = False,
 ) -> None:
-    """Take in models: radio goes live once it wins on this site's own minutes, other kinds by `atrium models activate`."""
+    """Take in models: radio goes live once it wins on this site's minutes, other kinds by `atrium models activate`."""
     try:
         document = file.read_bytes()
         msgspec.json.decode(document)

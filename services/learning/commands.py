@@ -10,7 +10,7 @@ from services.learning.activation.bundle import BundleError, Renaming, pack, unp
 from services.learning.activation.kinds import PERSONAL
 from services.learning.activation.questions import is_tried
 from services.learning.activation.rows import StoredModel
-from services.learning.activation.store import NoSuchModelError, UnusableModelError
+from services.learning.activation.store import NoSuchModelError, NothingBeforeError, UnusableModelError
 from services.learning.loop import LearningLoop
 from shared.learning_command import LearningAnswer, LearningCommand, ModelLine
 from shared.site import Site
@@ -21,9 +21,9 @@ _decoder = msgspec.json.Decoder(LearningCommand)
 
 
 class _RefusedError(ValueError):
-    """An order is not carried out; ``field`` of it is to blame."""
+    """An order is not carried out; ``field`` of it is to blame, None: how things are."""
 
-    def __init__(self, words: str, field: str, *, unknown: bool = False) -> None:
+    def __init__(self, words: str, field: str | None, *, unknown: bool = False) -> None:
         super().__init__(words)
         self.answer = LearningAnswer(done=False, words=words, field=field, unknown=unknown)
 
@@ -117,6 +117,8 @@ class Commands:
                 words = f"{command.kind} of {command.subject} is live as version {model.version}, untried"
         except UnusableModelError as error:
             raise _RefusedError(f"version: found one that nobody could use: {error}", "version") from error
+        except NothingBeforeError as error:
+            raise _RefusedError(str(error), None) from error
         except NoSuchModelError as error:
             field = str(error).partition(":")[0]
             raise _RefusedError(str(error), field, unknown=True) from error

@@ -131,7 +131,8 @@ class Decisions:
         """Return to the model before the live one; ``ruling`` None: because an operator says so.
 
         Raises:
-            NoSuchModelError: nothing is live but what is configured.
+            NoSuchModelError: no model of the kind and subject ever went live.
+            NothingBeforeError: it is as configured already.
         """
         live = self._store.active(kind, subject)
         how = Decided(

@@ -18,12 +18,18 @@ from fusion_world import frame
 from health_page import metric
 from learning_models import TestLearner, lesson, power_of, radio, stride, walk
 from service_process import process
+from sqlalchemy import select
+from sqlalchemy.orm import Session
 from typer.testing import CliRunner
 from waiting import wait_until
 
 from services.cli.main import app
 from services.cli.models import ModelsError, order
 from services.learning import service as module
+from services.learning.activation.database import migrate, open_learning
+from services.learning.activation.rows import Decided
+from services.learning.activation.store import ModelStore
+from services.learning.activation.tables import ModelRow
 from services.learning.proposal import Proposal
 from services.learning.report_draft import ReportDraft
 from services.learning.service import LearningService
@@ -31,7 +37,7 @@ from services.learning.settings import LearningSettings
 from shared.bus import Bus, Inbox, Question
 from shared.keys import Keys
 from shared.learning_report import LearningReport
-from shared.messages import DetectionFrame, Erasure, Message, RadioModelUpdate, StrideModel, TrackFrame
+from shared.messages import DetectionFrame, Erasure, Message, RadioModelUpdate, StrideModel, TrackFrame, encode
 from shared.runner import Health
 from shared.settings import SettingsError
 from shared.site import Site, load_site
@@ -231,6 +237,27 @@ def test_who_withdraws_leaves_no_model_on_the_bus_and_no_row(
         late = models(bus, KEYS.stride_model("d-1"), StrideModel)
         order(bus, "hall", {"do": "list"})  # what is kept for late joiners would have come meanwhile
         assert late.receive(timeout=0.2) == []
+
+
+def test_a_live_model_that_nobody_can_use_ends_nothing_and_is_told_until_it_is_rolled_back(
+    site: Site, project: Path, tmp_path: Path, zenoh_router: str
+) -> None:
+    url = f"sqlite:///{tmp_path / 'learning.db'}"
+    migrate(url)
+    engine = open_learning(url)
+    ModelStore(engine).activate(stride("d-1"), "stride", "d-1", "hall", Decided(50.0, 50.0, "wins"))
+    with Session(engine) as session, session.begin():  # as a program without these checks has left it
+        row = session.scalars(select(ModelRow)).one()
+        row.subject, row.payload = "d/../*", encode(stride("d/../*"))
+    with running(site, project, tmp_path, zenoh_router, TestLearner()) as service, Bus([zenoh_router]) as bus:
+
+        def told() -> str:
+            return service.health.problems().get("live models", "")
+
+        wait_until(told, DEADLINE, "a word on it")
+        assert "found a subject called 'd/../*'" in told()
+        assert order(bus, "hall", {"do": "rollback", "kind": "stride", "subject": "d/../*"}).done
+        wait_until(lambda: not told(), DEADLINE, "all well")
 
 
 def test_while_fusion_is_away_learning_says_so(site: Site, project: Path, tmp_path: Path, zenoh_router: str) -> None:

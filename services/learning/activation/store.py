@@ -32,7 +32,7 @@ from services.learning.activation.tables import DecisionRow, ModelRow, SwitchRow
 from shared.learning_report import Activation, ModelKind
 from shared.messages import Message
 
-__all__ = ["ModelStore", "NoSuchModelError", "UnusableModelError"]
+__all__ = ["ModelStore", "NoSuchModelError", "NothingBeforeError", "UnusableModelError"]
 
 Went = Literal["activated", "rolled back"]
 _decision = msgspec.json.Decoder(Activation)
@@ -40,6 +40,10 @@ _decision = msgspec.json.Decoder(Activation)
 
 class NoSuchModelError(LookupError):
     """There is no such model: the text says what there is instead."""
+
+
+class NothingBeforeError(LookupError):
+    """A roll-back has nowhere to go: the text says what could be rolled back instead."""
 
 
 class UnusableModelError(ValueError):
@@ -230,7 +234,8 @@ class ModelStore:
         """Return to the model before the one that is live, as a new version.
 
         Raises:
-            NoSuchModelError: nothing is live but what is configured.
+            NoSuchModelError: no model of the kind and subject ever went live.
+            NothingBeforeError: it is as configured already.
         """
         current = self.active(kind, subject)
         if current is None:
@@ -238,9 +243,7 @@ class ModelStore:
                 f"subject: no {kind} model of {subject!r} is active; allowed: {self._subjects(kind)}"
             )
         if not current.replaced and is_configured(current.model):
-            raise NoSuchModelError(
-                f"subject: {kind} of {subject!r} is as configured already; allowed: {self._subjects(kind)}"
-            )
+            raise NothingBeforeError(f"{kind} of {subject!r} is as configured already; allowed: {self._subjects(kind)}")
         former = self._former(current)
         model = as_configured(kind, subject, current.decided) if former is None else former.model
         return self._activate(

@@ -14,7 +14,7 @@ from services.cli.main import app
 from services.gateway.devices.database import schema_problem as gateway_problem
 from services.learning.activation.database import SCHEMA, in_memory, migrate, open_learning
 from services.learning.activation.rows import KEPT_MODELS, Decided
-from services.learning.activation.store import ModelStore, NoSuchModelError
+from services.learning.activation.store import ModelStore, NoSuchModelError, NothingBeforeError
 from services.learning.activation.tables import Base, DecisionRow, LearnerRow, ModelRow
 from shared.messages import RadioModelUpdate, StrideModel, encode
 from shared.runner import ServiceError
@@ -93,7 +93,7 @@ def test_a_model_made_live_by_hand_is_one_step_back_like_any_other(store: ModelS
     store.promote(store.get("radio", "hall", 2), how(by="operator"))
     powers = [power_of(store.roll_back("radio", "hall", how()).model) for _ in range(4)]
     assert powers == [-42.0, -41.0, -40.0, None]
-    with pytest.raises(NoSuchModelError, match="radio of 'hall' is as configured already; allowed: none now"):
+    with pytest.raises(NothingBeforeError, match="radio of 'hall' is as configured already; allowed: none now"):
         store.roll_back("radio", "hall", how())
 
 
