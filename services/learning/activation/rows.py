@@ -21,9 +21,11 @@ __all__ = [
     "Decided",
     "ModelState",
     "StoredModel",
+    "Went",
     "active_row",
     "known",
     "let_go",
+    "make_live",
     "new_row",
     "read_row",
     "rows_of",
@@ -33,6 +35,7 @@ __all__ = [
 
 ModelState = Literal["imported", "active", "superseded", "refused", "rolled back"]
 By = Literal["learning", "operator"]
+Went = Literal["activated", "rolled back"]
 KEPT_MODELS = 12
 """Rows of one kind and subject, besides the active one and the one it replaced …"""
 KEPT_REFUSED = 3
@@ -133,6 +136,50 @@ def new_row(
     )
     session.add(row)
     session.flush()
+    return row
+
+
+def make_live(
+    session: Session,
+    model: Message,
+    kind: ModelKind,
+    subject: str,
+    area: str,
+    how: Decided,
+    decision: Went,
+    *,
+    probation: bool,
+    origin: int | None = None,
+    replaced: int | None = None,
+) -> ModelRow:
+    """Make a model live as a new version.
+
+    Args:
+        session: within a transaction.
+        model: what is published; numbered here.
+        kind: of model.
+        subject: of what.
+        area: whose fusion tries it.
+        how: why and when.
+        decision: what the history calls it.
+        probation: whether it will be held against the one before.
+        origin: version of the row the model is taken from, which goes.
+        replaced: the version a next roll-back leads to; None: the one that is live.
+    """
+    before = active_row(session, kind, subject)
+    if before is not None:
+        before.state = "superseded" if decision == "activated" else "rolled back"
+        before.probation = False
+        if decision == "rolled back":
+            before.reason = how.reason
+    if replaced is None:
+        replaced = 0 if before is None else before.version
+    if origin is not None:
+        session.execute(delete(ModelRow).where(*which(kind, subject), ModelRow.version == origin))
+    row = new_row(session, model, kind, subject, area, "active", how)
+    row.replaced, row.probation = replaced, probation
+    write_decision(session, row, decision, how)
+    let_go(session, kind, subject)
     return row
 
 

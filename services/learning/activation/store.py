@@ -7,20 +7,22 @@ starts again, for at every start all active models are published anew.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
-import msgspec
 from sqlalchemy import Engine, delete, select
 from sqlalchemy.orm import Session
 
 from services.learning.activation.content import Contents
+from services.learning.activation.history import page
 from services.learning.activation.kinds import PERSONAL, as_configured, is_configured, kind_of, subject_of
 from services.learning.activation.rows import (
     Decided,
     StoredModel,
+    Went,
     active_row,
     known,
     let_go,
+    make_live,
     new_row,
     read_row,
     rows_of,
@@ -33,9 +35,6 @@ from shared.learning_report import Activation, ModelKind
 from shared.messages import Message
 
 __all__ = ["ModelStore", "NoSuchModelError", "NothingBeforeError", "UnusableModelError"]
-
-Went = Literal["activated", "rolled back"]
-_decision = msgspec.json.Decoder(Activation)
 
 
 class NoSuchModelError(LookupError):
@@ -133,39 +132,14 @@ class ModelStore:
 
     def history(self, most: int = 200) -> list[Activation]:
         """Return the latest decisions, newest first."""
-        with Session(self._engine) as session:
-            told = session.scalars(select(DecisionRow.told).order_by(DecisionRow.id.desc()).limit(most)).all()
-        return [one for line in told if (one := _read(line)) is not None]
+        return self.decisions(None, None, None, most, personal=True)[0][:most]
 
     def decisions(
         self, kind: ModelKind | None, subject: str | None, before: float | None, most: int, *, personal: bool
     ) -> tuple[list[Activation], bool]:
-        """Return decisions, newest first, and whether there are older ones; never half of those of one moment.
-
-        Args:
-            kind: only of models of this kind; None: of all.
-            subject: only of this area, camera or device; None: of all.
-            before: only older ones, seconds since the epoch; None: the newest.
-            most: at most so many, and the rest of the last one's moment.
-            personal: whether also of models of people's phones.
-        """
-        wanted = select(DecisionRow.told).order_by(DecisionRow.id.desc())
-        if kind is not None:
-            wanted = wanted.where(DecisionRow.kind == kind)
-        if subject is not None:
-            wanted = wanted.where(DecisionRow.subject == subject)
-        if not personal:
-            wanted = wanted.where(DecisionRow.kind.not_in(PERSONAL))
-        page: list[Activation] = []
+        """Return a page of decisions and whether there are older ones; see ``history.page``."""
         with Session(self._engine) as session:
-            for line in session.scalars(wanted):
-                one = _read(line)
-                if one is None or (before is not None and one.t >= before):
-                    continue
-                if len(page) >= most and one.t != page[-1].t:
-                    return page, True
-                page.append(one)
-        return page, False
+            return page(session, kind, subject, before, most, personal=personal)
 
     # -- decisions, one transaction each -----------------------------------------------------------------------------
 
@@ -204,7 +178,7 @@ class ModelStore:
                 waiting = (*which(kind, subject), ModelRow.state == "imported")
                 session.execute(delete(ModelRow).where(*waiting))
                 if live:
-                    rows.append(_activated(session, model, kind, subject, area, why, "activated", probation=False))
+                    rows.append(make_live(session, model, kind, subject, area, why, "activated", probation=False))
                     continue
                 rows.append(new_row(session, model, kind, subject, area, "imported", why))
                 write_decision(session, rows[-1], "imported", why)
@@ -263,7 +237,7 @@ class ModelStore:
     ) -> StoredModel:
         self._check(model)
         with Session(self._engine) as session, session.begin():
-            return known(_activated(session, model, kind, subject, area, how, decision, **more))
+            return known(make_live(session, model, kind, subject, area, how, decision, **more))
 
     def _check(self, model: Message) -> None:
         if why := self.problem(model):
@@ -304,55 +278,3 @@ class ModelStore:
         live = (model for model in self.all_active() if model.kind == kind)
         changed = {model.subject for model in live if model.replaced or not is_configured(model.model)}
         return ", ".join(sorted(changed)) or "none now"
-
-
-def _activated(
-    session: Session,
-    model: Message,
-    kind: ModelKind,
-    subject: str,
-    area: str,
-    how: Decided,
-    decision: Went,
-    *,
-    probation: bool,
-    origin: int | None = None,
-    replaced: int | None = None,
-) -> ModelRow:
-    """Make a model live as a new version.
-
-    Args:
-        session: within a transaction.
-        model: what is published; numbered here.
-        kind: of model.
-        subject: of what.
-        area: whose fusion tries it.
-        how: why and when.
-        decision: what the history calls it.
-        probation: whether it will be held against the one before.
-        origin: version of the row the model is taken from, which goes.
-        replaced: the version a next roll-back leads to; None: the one that is live.
-    """
-    before = active_row(session, kind, subject)
-    if before is not None:
-        before.state = "superseded" if decision == "activated" else "rolled back"
-        before.probation = False
-        if decision == "rolled back":
-            before.reason = how.reason
-    if replaced is None:
-        replaced = 0 if before is None else before.version
-    if origin is not None:
-        session.execute(delete(ModelRow).where(*which(kind, subject), ModelRow.version == origin))
-    row = new_row(session, model, kind, subject, area, "active", how)
-    row.replaced, row.probation = replaced, probation
-    write_decision(session, row, decision, how)
-    let_go(session, kind, subject)
-    return row
-
-
-def _read(line: str) -> Activation | None:
-    """Return a decision; None where it cannot be read any more: a newer program knew more kinds."""
-    try:
-        return _decision.decode(line)
-    except msgspec.DecodeError:
-        return None
