@@ -232,7 +232,7 @@ def test_a_forced_import_is_all_or_nothing(store: ModelStore, site: Site) -> Non
 
     @event.listens_for(engine, "before_cursor_execute")
     def fail(_c: object, _cursor: object, statement: str, values: Any, *_: object) -> None:
-        if statement.startswith("INSERT INTO learning_models") and "radio" in values:
+        if statement.startswith("INSERT INTO learning_models") and {"radio", "active"} <= set(values):
             raise OSError("the disk is full")
 
     with pytest.raises(OSError, match="full"):
