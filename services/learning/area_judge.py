@@ -10,6 +10,7 @@ import structlog
 
 from services.learning.accuracy.self_report import SelfReport
 from services.learning.cameras.camera_scores import CameraScores
+from services.learning.radio.by_name import columns_today
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.quality import QualityJudge
 from services.learning.tracks.sight import SightScore
@@ -89,15 +90,15 @@ class AreaJudge:
 
     def state(self) -> dict[str, Any]:
         """Return all it knows, as what ``msgspec.json`` encodes."""
-        return self._judge.state()
+        return {"access_points": list(self._filed.names), **self._judge.state()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from ``state()``, under the model that is live now.
+        """Go on from ``state()``, under the model that is live now; access points are known again by their names.
 
         Raises:
             ValueError: it is no such state; the judge is then unchanged.
         """
-        self._judge.restore(state)
+        self._judge.restore(state, columns_today(state.get("access_points", ()), self._filed.names))
 
 
 class AreaSight:

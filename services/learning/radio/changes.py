@@ -24,6 +24,7 @@ from shared.radio import PathLoss, RadioFit, RadioPrior, Whereabouts, locate_acc
 __all__ = ["Change", "Changes"]
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 GONE = 0.02
 """How much stays of an access point's evidence from before it moved, or in the lee of a new wall."""
@@ -113,25 +114,30 @@ class Changes:
             },
         }
 
-    def restore(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any], columns: Index) -> None:
         """Go on from ``state()``. What the site file says anew of a place is believed, and not what was found before.
+
+        Args:
+            state: see there.
+            columns: (k,) which access point here each of the k of the state is; what was found of −1 goes.
 
         Raises:
             ValueError, KeyError, TypeError, AttributeError: it is no such state; nothing is changed then.
         """
         filed = np.array([place or (np.nan,) * 3 for place in state["filed"]], float)
-        if filed.shape != self._file.positions.shape:
-            raise ValueError(f"filed: found shape {filed.shape}; allowed: {self._file.positions.shape}")
-        same = np.isclose(filed, self._file.positions, equal_nan=True).all(axis=1)
-        found = {self._number(point): msgspec.convert(change, Change) for point, change in state["found"].items()}
+        if filed.reshape(-1, 3).shape != (len(columns), 3):
+            raise ValueError(f"filed: found shape {filed.shape}; allowed: {(len(columns), 3)}")
+        found = {_number(point, columns): msgspec.convert(change, Change) for point, change in state["found"].items()}
         located = {}
-        for point, row in state["located"].items():
+        for name, row in state["located"].items():
+            point = _number(name, columns)
             x, y, xx, xy, yx, yy, gain = (float(value) for value in row)
-            located[self._number(point)] = Whereabouts(np.array([x, y]), np.array([[xx, xy], [yx, yy]]), gain)
-        self.guess, self.found, self.located = self._file, found, {}
+            if point >= 0 and np.allclose(filed[int(name)], self._file.positions[point], equal_nan=True):
+                located[point] = Whereabouts(np.array([x, y]), np.array([[xx, xy], [yx, yy]]), gain)
+        self.guess, self.located = self._file, {}
+        self.found = {point: change for point, change in found.items() if point >= 0}
         for point, where in located.items():
-            if same[point]:
-                self._hang(point, where)
+            self._hang(point, where)
 
     def _note(self, shift: Shift, now: float) -> None:
         since, by, whole = shift.since, shift.by, shift.whole
@@ -175,8 +181,9 @@ class Changes:
         self.guess = dataclasses.replace(self.guess, positions=positions)
         self.located[point] = where
 
-    def _number(self, point: str) -> int:
-        number = int(point)
-        if not 0 <= number < len(self._file.names):
-            raise ValueError(f"access point {point}: allowed: 0 to {len(self._file.names) - 1}")
-        return number
+
+def _number(point: str, columns: Index) -> int:
+    number = int(point)
+    if not 0 <= number < len(columns):
+        raise ValueError(f"access point {point}: allowed: 0 to {len(columns) - 1}")
+    return int(columns[number])

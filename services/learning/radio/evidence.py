@@ -138,8 +138,12 @@ class RadioEvidence:
             "clock": [self._clock, None if np.isinf(self._newest) else self._newest],
         }
 
-    def restore(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any], columns: Index) -> None:
         """Go on from ``state()``.
+
+        Args:
+            state: see there.
+            columns: (k,) which access point here each of the k of the state is; visits of −1 go.
 
         Raises:
             ValueError: it is no such state; nothing is changed then.
@@ -152,9 +156,13 @@ class RadioEvidence:
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"radio evidence: {error}") from error
         numbers = rows[:, 2:4]
-        if not np.isfinite(rows).all() or (numbers < 0).any() or (numbers >= (len(devices), self._points)).any():
-            raise ValueError(f"radio evidence: a row is not of {len(devices)} devices and {self._points} access points")
-        self.devices, self._rows, self._clock, self._newest = devices, rows, clock, newest
+        if not np.isfinite(rows).all() or (numbers < 0).any() or (numbers >= (len(devices), len(columns))).any():
+            raise ValueError(f"radio evidence: a row is not of {len(devices)} devices and {len(columns)} access points")
+        rows[:, 3] = columns[rows[:, 3].astype(np.int64)]
+        self.devices, self._clock, self._newest = devices, clock, newest
+        self._rows = rows[rows[:, 3] >= 0]
+        if len(self._rows) < len(rows):
+            self._let_devices_go()
 
     def _of(self, point: int, before: float) -> NDArray[np.bool_]:
         hit: NDArray[np.bool_] = (self._rows[:, 3] == point) & (self._rows[:, 0] < before)
@@ -182,6 +190,10 @@ class RadioEvidence:
         self._rows = self._rows[rank < newest]
         if len(self._rows) > MOST:
             self._rows = self._rows[np.sort(np.argsort(-self._rows[:, 0], kind="stable")[: int(0.75 * MOST)])]
+        self._let_devices_go()
+
+    def _let_devices_go(self) -> None:
+        """Forget the names of phones of which no visit is left."""
         there = np.unique(self._rows[:, 2].astype(np.int64))
         self._rows[:, 2] = np.searchsorted(there, self._rows[:, 2])
         self.devices = [self.devices[number] for number in there.tolist()]

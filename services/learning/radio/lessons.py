@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import msgspec
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.learning.proposal import Proposal
+from services.learning.radio.by_name import columns_today
 from services.learning.radio.changes import Changes
 from services.learning.radio.evidence import RadioEvidence
 from services.learning.radio.hearing import RecentHearing
@@ -238,6 +240,7 @@ class RadioLessons:
     def state(self) -> dict[str, Any]:
         """Return all it knows."""
         return {
+            "access_points": list(self.points),
             "evidence": self._evidence.state(),
             "changes": self._changes.state(),
             "offsets": dict(self._offsets),
@@ -246,7 +249,7 @@ class RadioLessons:
         }  # fmt: skip
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from ``state()``.
+        """Go on from ``state()``, access points known again by their names; what is of one that is no more goes.
 
         Raises:
             ValueError: it is no such state; nothing is changed then.
@@ -255,12 +258,14 @@ class RadioLessons:
         changes = Changes(self._file, self._lower, self._upper, self._prior)
         live = LiveRadio(self._file, self._site)
         try:
-            changes.restore(state["changes"])
+            columns = columns_today(state["access_points"], self.points)
+            changes.restore(state["changes"], columns)
             offsets = {str(device): float(offset) for device, offset in state["offsets"].items()}
             taught = -np.inf if state["taught"] is None else float(state["taught"])
             file = None if state["active"] is None else msgspec.convert(state["active"], RadioModelFile)
-            live.take(file)
-            evidence.restore(state["evidence"])
+            with suppress(RadioModelError):  # of other access points: fusion passes over it, too
+                live.take(file)
+            evidence.restore(state["evidence"], columns)
         except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
             raise ValueError(f"radio lessons of area {self.area}: {error!r}") from error
         self._evidence, self._changes, self._offsets = evidence, changes, offsets

@@ -24,7 +24,7 @@ those known less well some by 13 m."""
 HANGS = 2.5
 """Metres above the floor at which one is believed to hang: phones are all at one height and tell little of it."""
 MORE = 1.25
-"""Times the visits that were there at the last look, until the next."""
+"""Times the visits from before the last look that are still kept, until the next."""
 
 
 class Placing:
@@ -43,7 +43,8 @@ class Placing:
     def __init__(self, file: PathLoss, lower: Array, upper: Array, prior: RadioPrior) -> None:
         self._file, self._lower, self._upper, self._prior = file, lower, upper, prior
         self._points: list[int] = np.flatnonzero(~file.placed).tolist()
-        self._looked: dict[int, int] = {}
+        self._looked: dict[int, float] = {}
+        """By access point, the newest visit at the last look, seconds: their number may have become smaller since."""
         self.unclear: dict[int, float] = {}
 
     def look(self, evidence: RadioEvidence, reference: RadioFit) -> dict[int, Whereabouts]:
@@ -54,10 +55,10 @@ class Placing:
         visits, _, kept = evidence.visits(sure=True)
         for point in self._points:
             mine = visits.point == point
-            count = int(mine.sum())
-            if count < max(NEEDED, MORE * self._looked.get(point, 0)):
+            t = visits.t[mine]
+            if len(t) < max(NEEDED, MORE * int((t <= self._looked.get(point, -np.inf)).sum())):
                 continue
-            self._looked[point] = count
+            self._looked[point] = float(t.max())
             level, weight = visits_at(visits.where(mine), kept[mine], reference)
             where = locate_access_point(
                 visits.place[mine], level, weight, self._lower, self._upper, height=HANGS,

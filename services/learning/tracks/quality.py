@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.learning.tracks.compare import Comparison, compare
 from services.learning.tracks.radio_evidence import RadioBelief
@@ -29,6 +30,8 @@ from shared.learning_report import TrackLessons
 from shared.radio import PathLoss, ShadowingMap
 
 __all__ = ["QualityJudge", "SightScore"]
+
+Integers = NDArray[np.int64]
 
 SHORTEST = 8.0
 """Seconds below which nothing can be said."""
@@ -134,14 +137,18 @@ class QualityJudge:
             "misfit": list(self._misfit),
         }
 
-    def restore(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any], columns: Integers | None = None) -> None:
         """Go on from ``state()``.
+
+        Args:
+            state: see there.
+            columns: (k,) which access point here each of the k of the state is; −1: none; None: they are the same.
 
         Raises:
             ValueError: it is no such state, or of other access points; the judge is then unchanged.
         """
         try:
-            self._restore(state)
+            self._restore(state, columns)
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"not a state of a judge of stretches: {error}") from error
 
@@ -151,10 +158,10 @@ class QualityJudge:
         value = self._threshold.value
         return value if np.isfinite(value) else None
 
-    def _restore(self, state: Mapping[str, Any]) -> None:
+    def _restore(self, state: Mapping[str, Any], columns: Integers | None) -> None:
         habits, threshold = RadioHabits(self._points), Threshold(FIRST)
         mark = str(state["model"])
-        habits.restore(state["habits"])
+        habits.restore(state["habits"], columns)
         threshold.restore(state["threshold"])
         contradicted = OrderedDict(
             (str(device), deque([bool(one) for one in told], maxlen=REMEMBERED))
@@ -222,4 +229,5 @@ def _score(comparison: Comparison, reason: str) -> float:
 def _mark(radio: PathLoss, shadowing: ShadowingMap | None) -> str:
     """Return what tells this model from others, also after a restart."""
     parts = [radio.positions, radio.power_1m, radio.exponent, *([] if shadowing is None else [shadowing.mean])]
-    return hashlib.blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in parts), digest_size=8).hexdigest()
+    order = np.argsort(radio.names)  # the same model where the site file lists its access points otherwise
+    return hashlib.blake2b(b"".join(part[order].tobytes() for part in parts), digest_size=8).hexdigest()

@@ -105,16 +105,25 @@ class RadioHabits:
             "heard": [self._weight.tolist(), self._sum.tolist(), self._squares.tolist()],
         }
 
-    def restore(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any], columns: Integers | None = None) -> None:
         """Go on from ``state()``.
+
+        Args:
+            state: see there.
+            columns: (k,) which access point here each of the k of the state is; −1: none; None: they are the same.
 
         Raises:
             KeyError, TypeError, ValueError: it is no such state, or of other access points.
         """
-        columns = [np.array(column, float) for column in (state["bias"], state["variance"], *state["heard"])]
-        if len(columns) != 5 or any(column.shape != (self._points,) for column in columns):
-            raise ValueError(f"a state of other access points; allowed: of {self._points}")
+        if columns is None:
+            columns = np.arange(self._points)
+        saved = [np.array(column, float) for column in (state["bias"], state["variance"], *state["heard"])]
+        if len(saved) != 5 or any(column.shape != columns.shape for column in saved):
+            raise ValueError(f"a state of other access points; allowed: of {len(columns)}")
         devices = OrderedDict((str(name), (float(offset), float(spread))) for name, offset, spread in state["devices"])
         self._spread = float(state["spread"])
-        self._bias, self._variance, self._weight, self._sum, self._squares = columns
+        fresh = [np.full(self._points, value) for value in (0.0, self._spread**2, 0.0, 0.0, 0.0)]
+        for here, known in zip(fresh, saved, strict=True):
+            here[columns[columns >= 0]] = known[columns >= 0]
+        self._bias, self._variance, self._weight, self._sum, self._squares = fresh
         self._devices = devices

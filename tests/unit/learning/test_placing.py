@@ -155,3 +155,15 @@ def test_people_who_walk_along_one_line_do_not_say_on_which_side_it_hangs(whole:
     fit = fit_of(lessons)
     assert (fit.state, fit.position) == ("not placed", None)
     assert "known only to within" in fit.words
+
+
+def test_it_is_looked_for_anew_though_fewer_visits_are_kept_than_at_the_last_look(whole: Site, site: Site) -> None:
+    lessons, hall = RadioLessons(site, "hall"), hall_of(whole)
+    teach(lessons, hall, range(3))
+    number, looked = lessons.points.index(UNKNOWN), lessons._placing._looked.copy()
+    before = lessons._evidence.count(number)
+    assert before > NEEDED
+    lessons._evidence.fade(number, T0 + 110.0, 0.02)  # as after a change, or a withdrawal
+    teach(lessons, hall, range(3, 5))
+    assert lessons._evidence.count(number) < 1.25 * before
+    assert lessons._placing._looked[number] > looked[number]
