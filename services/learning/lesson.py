@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -11,7 +11,7 @@ from services.learning.tracks.stretch import Stretch
 from shared.learning_command import LearningAnswer, LearningCommand
 from shared.messages import Message
 
-__all__ = ["Alert", "Critic", "Lesson", "MapKeeping", "Watching", "Weighing"]
+__all__ = ["Alert", "Critic", "Lesson", "MapKeeping", "Personal", "Watching", "Weighing"]
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,16 @@ class Critic(Protocol):
 
         None: too little has come, or nothing can be told.
         """
+        ...
+
+
+@runtime_checkable
+class Personal(Protocol):
+    """A learner whose phones are let go once they stay away; none has to."""
+
+    @property
+    def devices(self) -> Collection[str]:
+        """Of whom something is known."""
         ...
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from services.learning.activation.kinds import kind_of, read_model, subject_of
 from services.learning.activation.rows import StoredModel
 from services.learning.area_tracks import AreaTracks
 from services.learning.faults import Faults
-from services.learning.lesson import Alert, Critic, Lesson, MapKeeping, Watching, Weighing
+from services.learning.lesson import Alert, Critic, Lesson, MapKeeping, Personal, Watching, Weighing
 from services.learning.proposal import Learner, Proposal
 from services.learning.report_draft import ReportDraft, Telling
 from shared.erased import Erased
@@ -220,11 +220,48 @@ class Lessons:
             self._faults.done(name, "save what it knows", tell, name, part)
         return told, [name for name, _ in self._parts() if name not in told]
 
-    def restore(self, states: Mapping[str, bytes]) -> None:
-        """Have all go on from what they knew."""
-        for name, part in self._parts():
-            if name in states and not self._faults.done(name, "read what it knew", _restore, name, part, states[name]):
-                self._make_anew(name)
+    def restore(self, states: Mapping[str, bytes], aside: Mapping[str, bytes]) -> dict[str, bool]:
+        """Have all go on from what they knew, or from what was set aside before, where they understand that alone.
+
+        Returns:
+            By name of who did not understand what it knew whether it goes on from what was set aside; else it begins
+            anew.
+        """
+        not_understood = {}
+        for name in self.names:
+            known = name in states or name in aside
+            if known and not (name in states and self._restore(name, states[name])):
+                not_understood[name] = name in aside and self._restore(name, aside[name])
+        return not_understood
+
+    def _restore(self, name: str, state: bytes) -> bool:
+        """Whether who has a name goes on from a state; else it is as before, or made anew."""
+        part, refused = dict(self._parts())[name], []
+
+        def restore() -> None:
+            try:
+                part.restore(msgspec.json.decode(state))
+            except ValueError as error:
+                log.warning("what was learned is not understood, it is set aside", part=name, reason=str(error))
+                refused.append(name)
+
+        if not self._faults.done(name, "read what it knew", restore):
+            self._make_anew(name)
+            return False
+        return not refused
+
+    def devices(self) -> set[str]:
+        """Return the phones known one by one to learners that tell."""
+        known: set[str] = set()
+        for lesson in self:
+            if isinstance(lesson.learner, Personal):
+                known.update(self._faults.call(lesson.name, "name its phones", _devices, lesson.learner) or ())
+        return known
+
+    @property
+    def names(self) -> list[str]:
+        """Under which names it is kept what all know."""
+        return [name for name, _ in self._parts()]
 
     def _parts(self) -> list[tuple[str, Part]]:
         """Return by name all that knows something worth keeping."""
@@ -258,11 +295,8 @@ def _storable(ask: Callable[..., Sequence[Proposal]], *arguments: float) -> list
     return sound
 
 
-def _restore(name: str, part: Part, state: bytes) -> None:
-    try:
-        part.restore(msgspec.json.decode(state))
-    except ValueError as error:
-        log.warning("what was learned is not understood, it begins anew", part=name, reason=str(error))
+def _devices(learner: Personal) -> Collection[str]:
+    return learner.devices
 
 
 def _plain(value: Any) -> Any:

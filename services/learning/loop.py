@@ -10,13 +10,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
+
+import msgspec
 
 from services.learning.activation.gate import Gate
 from services.learning.activation.kinds import PERSONAL
 from services.learning.activation.questions import question_of
+from services.learning.activation.states import ASIDE, KEPT
 from services.learning.activation.store import ModelStore
 from services.learning.area_tracks import AreaTracks
 from services.learning.decisions import Decisions
+from services.learning.last_heard import HOUR, LastHeard
 from services.learning.lesson import Lesson
 from services.learning.lessons import Lessons
 from services.learning.probation import Probation
@@ -29,6 +34,11 @@ from shared.learning_report import LearningReport
 from shared.messages import Erasure, Message, MotionBatch, RadioScan
 
 __all__ = ["LearningLoop"]
+
+PHONES = "phones"
+"""Under which it is kept when phones were heard last."""
+AT_ONCE = 100
+"""Phones forgotten in one turn because they stayed away."""
 
 
 class LearningLoop:
@@ -44,6 +54,7 @@ class LearningLoop:
         pace: how often.
         activate: whether anything goes live by itself; else candidates are tried and told of only.
         executor: where fusion is asked; ``Inline`` makes ``look`` wait for the answer.
+        retract: keeps a phone's models no longer for who joins later.
     """
 
     def __init__(
@@ -58,8 +69,10 @@ class LearningLoop:
         *,
         activate: bool = True,
         executor: Executor | None = None,
+        retract: Callable[[str], None] = lambda device: None,
     ) -> None:
         self.store = store
+        self._retract = retract
         self.lessons = Lessons(areas, lessons)
         self._gate = gate
         self._pace = pace = pace or Pace()
@@ -74,7 +87,9 @@ class LearningLoop:
         """Phones whose rows the database still has to forget."""
         self._withdrawn = False
         """Whether what is saved of the learners may still know somebody who withdrew."""
-        self._proposed = self._saved = -math.inf
+        self._heard = LastHeard()
+        self._set_aside: dict[str, bool] = {}
+        self._proposed = self._saved = self._let_go = -math.inf
 
     @property
     def areas(self) -> Mapping[str, AreaTracks]:
@@ -90,7 +105,14 @@ class LearningLoop:
         """
         for model in self.store.all_active():
             self.lessons.judge_under(model)  # before what was known is restored: it was known under this model
-        self.lessons.restore(self.store.states.read())
+        states = self.store.states.read()
+        aside = {name.removeprefix(ASIDE): state for name, state in states.items() if name.startswith(ASIDE)}
+        self._set_aside = self.lessons.restore(states, aside)
+        for name, back in self._set_aside.items():
+            self.store.states.set_aside(name, back=back)
+        if PHONES in states:
+            with suppress(ValueError):  # then their time begins now
+                self._heard.restore(msgspec.json.decode(states[PHONES]))
         self.decisions.resume()
 
     def take(self, message: Message) -> None:
@@ -100,24 +122,49 @@ class LearningLoop:
             return
         if isinstance(message, RadioScan | MotionBatch) and (message.device in self._erased or message.late):
             return
+        if isinstance(message, RadioScan | MotionBatch):
+            self._heard.hear(message.device)
         self.lessons.take(message, self._erased)
 
     def forget(self, device: str) -> None:
         """Forget a phone whose owner withdrew consent, in memory and in the database."""
         if device not in self._erased:
             self._erased.add(device)
-            self.lessons.forget(device)
-            self._trials.forget(device)
-            self._untried.forget(device)
-            self._withdrawn = True
+            self._forget(device)
         self._to_forget.add(device)
         self._forget_stored()
+
+    def _forget(self, device: str) -> None:
+        self.lessons.forget(device)
+        self._trials.forget(device)
+        self._untried.forget(device)
+        self._heard.forget(device)
+        self._withdrawn = True
 
     def _forget_stored(self) -> None:
         """Have the database forget; whom it cannot forget now is remembered for the next look."""
         for device in sorted(self._to_forget):
             self.store.forget(device)
+            self.store.states.forget(device, self._names)
             self._to_forget.discard(device)
+
+    def _let_go_of_absent(self, now: float) -> None:
+        """Forget phones that were not heard for a month, and what nobody here has used for as long; once an hour."""
+        if 0.0 <= now - self._let_go < HOUR:
+            return
+        absent = self._heard.look(self.store.phones() | self.lessons.devices(), now)
+        for device in absent[:AT_ONCE]:
+            self._forget(device)
+            self._retract(device)
+            self.store.forget(device)
+        if len(absent) <= AT_ONCE:  # else the others at the next look
+            self.store.states.let_go(self._names, now - KEPT)
+            self._let_go = now
+
+    @property
+    def _names(self) -> list[str]:
+        """Under which names this process keeps what it knows."""
+        return [*self.lessons.names, PHONES]
 
     # -- turns -------------------------------------------------------------------------------------------------------
 
@@ -126,6 +173,7 @@ class LearningLoop:
         self.lessons.look(now)
         self.lessons.teach()
         self._forget_stored()  # before all else that the database is needed for
+        self._let_go_of_absent(now)
         self.lessons.inform(self.store.all_active)
         self.decisions.publish_phones()
         self._finish(now)
@@ -144,7 +192,8 @@ class LearningLoop:
         Of who cannot tell it stays what was saved before, unless somebody withdrew since: it may know them.
         """
         states, untold = self.lessons.states()
-        self.store.states.save(states, now, () if self._withdrawn else untold)
+        states[PHONES] = msgspec.json.encode(self._heard.state())
+        self.store.states.save(states, now, untold if self._withdrawn else ())
         self._withdrawn = False
         self._saved = now
 
@@ -234,6 +283,16 @@ class LearningLoop:
     def troubles(self) -> dict[str, tuple[frozenset[str], str]]:
         """Return by name of who could not do something lately its areas, and what that was in plain words."""
         return self.lessons.troubles()
+
+    def set_aside(self) -> dict[str, str]:
+        """Return by name of who did not understand what it knew at the start what became of that, in plain words."""
+        days = f"{KEPT / 86400.0:.0f} days"
+        anew = (
+            "what it knew is not understood by this program or does not fit the site file: it learns anew; "
+            f"what it knew is kept for {days}, and used again by a start that understands it"
+        )
+        again = f"goes on from what was set aside before; what was learned in between is set aside for {days}"
+        return {name: f"lesson {name}: {again if back else anew}" for name, back in self._set_aside.items()}
 
     def has_forgotten(self, device: str) -> bool:
         """Whether a phone's owner withdrew consent."""

@@ -85,6 +85,7 @@ class LearningService(Service[LearningSettings]):
             settings.pace(),
             activate=settings.activate,
             executor=DaemonExecutor(),
+            retract=self._retract,
         )
         self._commands = Commands(self.loop, site)
         self._publishers: OrderedDict[str, Publisher[Message]] = OrderedDict()
@@ -146,12 +147,16 @@ class LearningService(Service[LearningSettings]):
 
     def _take(self, message: Message) -> None:
         if isinstance(message, Erasure):
-            for kind in PERSONAL:  # first: whether or not the database is there
-                publisher = self._publishers.pop(f"{kind}/{message.device}", None)
-                if publisher is not None:
-                    publisher.close()  # and with it what it keeps for late joiners
-            self.loop.decisions.forget(message.device)
+            self._retract(message.device)  # first: whether or not the database is there
         self.loop.take(message)
+
+    def _retract(self, device: str) -> None:
+        """Close a phone's publishers, and with them what they keep for late joiners."""
+        for kind in PERSONAL:
+            publisher = self._publishers.pop(f"{kind}/{device}", None)
+            if publisher is not None:
+                publisher.close()
+        self.loop.decisions.forget(device)
 
     def _guarded(self, work: Any) -> None:
         """Do something that needs the database; while that is away, learning goes on in memory and says so."""
@@ -247,3 +252,5 @@ class LearningService(Service[LearningSettings]):
         for lesson in self._failed - troubles.keys():
             self.health.well(f"lesson {lesson}")
         self._failed = set(troubles)
+        for lesson, words in self.loop.set_aside().items():
+            self.health.degraded(f"state {lesson}", words)

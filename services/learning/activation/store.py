@@ -257,6 +257,11 @@ class ModelStore:
         with Session(self._engine) as session, session.begin():
             session.merge(SwitchRow(name="frozen", enabled=frozen))
 
+    def phones(self) -> set[str]:
+        """Return the phones of which a model is kept, live or not."""
+        with Session(self._engine) as session:
+            return set(session.scalars(select(ModelRow.subject).where(ModelRow.kind.in_(PERSONAL)).distinct()))
+
     def forget(self, device: str) -> None:
         """Delete all that is of one phone, decisions included."""
         with Session(self._engine) as session, session.begin():

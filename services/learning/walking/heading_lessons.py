@@ -66,7 +66,6 @@ class _Device(msgspec.Struct):
 
 
 class _State(msgspec.Struct):
-    area: str
     devices: dict[str, _Device]
 
 
@@ -168,21 +167,19 @@ class HeadingLessons:
             device: _Device(self._rows.get(device, np.empty((0, 5))).tolist(), self._models.get(device))
             for device in self.devices
         }
-        state: dict[str, Any] = msgspec.to_builtins(_State(self._area, devices))
+        state: dict[str, Any] = msgspec.to_builtins(_State(devices))
         return state
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from ``state()``.
 
         Raises:
-            ValueError: it is none, or another area's.
+            ValueError: it is none.
         """
         try:
             known = msgspec.convert(state, _State)
         except msgspec.ValidationError as error:
             raise ValueError(f"heading lessons: {error}") from error
-        if known.area != self._area:
-            raise ValueError(f"heading lessons: area: {known.area!r}; allowed: {self._area!r}")
         rows = {}
         for device, kept in known.devices.items():
             if any(len(row) != 5 for row in kept.rows):

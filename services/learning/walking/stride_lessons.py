@@ -50,7 +50,6 @@ class _Device(msgspec.Struct):
 
 
 class _State(msgspec.Struct):
-    area: str
     stretches: int
     devices: dict[str, _Device]
 
@@ -154,21 +153,19 @@ class StrideLessons:
             device: _Device(self._rows.get(device, np.empty((0, 6))).tolist(), self._lines.get(device))
             for device in self.devices
         }
-        state: dict[str, Any] = msgspec.to_builtins(_State(self._area, self._stretches, devices))
+        state: dict[str, Any] = msgspec.to_builtins(_State(self._stretches, devices))
         return state
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from ``state()``.
 
         Raises:
-            ValueError: it is none, or another area's.
+            ValueError: it is none.
         """
         try:
             known = msgspec.convert(state, _State)
         except msgspec.ValidationError as error:
             raise ValueError(f"stride lessons: {error}") from error
-        if known.area != self._area:
-            raise ValueError(f"stride lessons: area: {known.area!r}; allowed: {self._area!r}")
         rows = {}
         for device, kept in known.devices.items():
             if any(len(row) != 6 for row in kept.rows):

@@ -120,7 +120,7 @@ def test_what_was_learned_survives_and_is_forgotten_on_request() -> None:
     other.forget("phone")
     assert other.devices == []
     assert "phone" not in str(other.state())
-    for wrong in ({}, {**kept, "area": "elsewhere"}, {**kept, "devices": {"phone": {"rows": [[1.0]]}}}):
+    for wrong in ({}, {**kept, "devices": 3}, {**kept, "devices": {"phone": {"rows": [[1.0]]}}}):
         with pytest.raises(ValueError, match="stride lessons"):
             lessons.restore(wrong)
     assert lessons.devices == ["phone"]
