@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import msgspec
 
 from services.learning.activation.bundle import BundleError, Renaming, pack, unpack
+from services.learning.activation.consent import KEPT_DAYS, told_of_since
 from services.learning.activation.kinds import PERSONAL
 from services.learning.activation.questions import is_tried
 from services.learning.activation.rows import StoredModel
@@ -17,6 +18,7 @@ from shared.site import Site
 
 __all__ = ["Commands"]
 
+ALLOWED = f"of phones whose owners withdrew no consent, exported in the last {KEPT_DAYS} days"
 _decoder = msgspec.json.Decoder(LearningCommand)
 
 
@@ -139,13 +141,17 @@ class Commands:
         except BundleError as error:
             raise _RefusedError(str(error), error.field) from error
         everything = len(incoming)
-        incoming = [one for one in incoming if not (one.kind in PERSONAL and self._loop.has_forgotten(one.subject))]
+        old = not told_of_since(bytes(command.bundle), now)
+        incoming = [
+            one for one in incoming if one.kind not in PERSONAL or not (old or self._loop.has_forgotten(one.subject))
+        ]
+        why = f"exported over {KEPT_DAYS} days ago" if old else "the phones' owners withdrew consent"
         if not incoming:
-            raise _RefusedError("bundle.models: found phones alone whose owners withdrew consent", "bundle")
+            raise _RefusedError(f"bundle.models: found phones' alone: {why}; allowed: {ALLOWED}", "bundle")
         who = f" ({command.by})" if command.by else ""
         taken = self._loop.decisions.take_in(incoming, now, who, live=command.force)
         without = everything - len(incoming)
-        left = f"; {without} left out: the phones' owners withdrew consent" if without else ""
+        left = f"; {without} of phones left out: {why}" if without else ""
         return LearningAnswer(done=True, words=f"{len(taken)} models taken in, {_fate(taken, command.force)}{left}")
 
     def _map(self, command: LearningCommand) -> LearningAnswer:

@@ -218,7 +218,7 @@ def test_an_older_backup_brings_nobody_back_who_withdrew(store: ModelStore, site
     here.loop.take(Erasure(t=90.0, device="d-1"))
     answer = here.order(do="import", bundle=backup, force=True)
     assert answer.done
-    assert "1 left out: the phones' owners withdrew consent" in answer.words
+    assert "1 of phones left out: the phones' owners withdrew consent" in answer.words
     assert {one.kind for one in store.models()} == {"detector", "radio"}
     backup["models"] = [one for one in backup["models"] if one["kind"] == "stride"]
     answer = here.order(do="import", bundle=backup)
@@ -308,6 +308,25 @@ def test_what_is_configured_is_not_rolled_back_again_and_again(store: ModelStore
     assert (answer.done, answer.field, answer.unknown) == (False, None, False)
     assert answer.words == "radio of 'hall' is as configured already; allowed: none now"
     assert len(here.sent) == 1
+
+
+@pytest.mark.parametrize("days", [-31.0, 31.0])
+def test_a_backup_of_so_long_ago_that_nobody_knows_who_withdrew_brings_no_phone_back(
+    store: ModelStore, site: Site, days: float
+) -> None:
+    there = Museum(site, store)
+    backup = json.loads(bytes(there.order(do="export", personal=True).bundle))
+    backup["t"] -= 86400.0 * days
+    here = Museum(site)
+    answer = here.order(do="import", bundle=backup, force=True)
+    assert "1 of phones left out: exported over 30 days ago" in answer.words
+    assert {one.kind for one in here.store.models()} == {"detector", "radio"}
+    backup["models"] = [one for one in backup["models"] if one["kind"] == "stride"]
+    answer = here.order(do="import", bundle=backup)
+    assert (answer.done, answer.field) == (False, "bundle")
+    assert "allowed: of phones" in answer.words
+    backup["t"] += 86400.0 * days * 29.0 / 31.0
+    assert here.order(do="import", bundle=backup).done
 
 
 def test_an_import_that_is_refused_stores_nothing(document: dict[str, Any], site: Site) -> None:
