@@ -301,3 +301,21 @@ def test_an_area_that_does_not_exist_is_refused(site: Site, project: Path) -> No
     settings = LearningSettings(site_file=project / SITE, areas=["attic"])
     with pytest.raises(SettingsError, match=r"areas: 'attic' is no area of the site; allowed: hall; .*ATRIUM_AREAS"):
         LearningService.check(settings, site)
+
+
+def test_what_is_not_understood_is_told_on_the_health_page_and_who_stayed_away_for_a_month_is_let_go(
+    site: Site, project: Path, tmp_path: Path, zenoh_router: str
+) -> None:
+    url = f"sqlite:///{tmp_path / 'learning.db'}"
+    migrate(url)
+    before = ModelStore(open_learning(url))
+    before.states.save({"test-radio": b'{"broken":1}', "phones": b'{"d-away":0.0}'}, time.time())
+    for device in ("d-away", "d-here"):
+        before.activate(stride(device), "stride", device, "hall", Decided(time.time(), 0.0, "wins"))
+    with running(site, project, tmp_path, zenoh_router, TestLearner()) as service, Bus([zenoh_router]) as bus:
+        heard = models(bus, KEYS.stride_model("*"), StrideModel)
+        told = wait_until(service.health.problems, DEADLINE, "a word on the health page")
+        assert "kept for 30 days" in told["state test-radio"]
+        assert next_message(heard).device == "d-here"
+        assert before.phones() == {"d-here"}
+        assert "aside/test-radio" in before.states.read()
