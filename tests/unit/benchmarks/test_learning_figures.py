@@ -28,7 +28,7 @@ def rung(scale: float) -> Rung:
     rate, seconds, rmse = -np.arange(5.0), np.array([60.0, 60.0, 60.0, 60.0, 20.0]), np.arange(5.0)
     minutes = np.column_stack([rate * seconds, seconds, rmse, np.arange(5.0) < 3.0])
     stretches = np.column_stack([np.arange(5.0), np.arange(5.0) < 3.0])
-    return Rung(errors, np.full(4, 4.0), np.full(4, 3.8), np.array([0.02, 0.04]), minutes, stretches)
+    return Rung(errors, np.full(4, 4.0), np.full(4, 3.8), np.array([[0.02, 0.1], [0.04, 0.1]]), minutes, stretches)
 
 
 def climbed() -> Climb:
@@ -57,6 +57,7 @@ def test_lessons_are_held_against_what_the_truth_teaches() -> None:
     figures = lesson_figures([climbed()])
     assert figures["radio_rmse_excess_db"] == pytest.approx(0.2)
     assert figures["stride_error_rbmcda"] == pytest.approx(0.03)
+    assert figures["stride_way_error_rbmcda"] == pytest.approx(0.1)
     assert figures["quality_spearman_per_s"] == pytest.approx(-1.0)
     assert figures["quality_spearman_rbmcda"] == pytest.approx(-0.7)
     assert figures["good_tracks"] == pytest.approx(0.6)

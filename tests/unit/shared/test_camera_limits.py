@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from services.camera.detector import check_detector
 from services.learning.cameras.detector_choice import SWEEPS
-from services.learning.cameras.size_words import SIZES
 from shared.camera_limits import LEARNED_OPTIONS, alignment_problem, options_problem
+from shared.size_options import SIZE_OPTIONS
 
 FLOOR = [(0.0, 0.0), (20.0, 0.0), (20.0, 30.0), (0.0, 30.0)]
 
@@ -24,7 +24,7 @@ def test_the_detector_takes_all_that_may_be_learned_and_nothing_much_beyond(name
 
 
 def test_all_that_is_looked_for_may_be_learned() -> None:
-    assert {sweep.option for sweep in SWEEPS} | set(SIZES) == set(LEARNED_OPTIONS)
+    assert {sweep.option for sweep in SWEEPS} | set(SIZE_OPTIONS) == set(LEARNED_OPTIONS)
     for sweep in SWEEPS:
         assert options_problem({sweep.option: sweep.least}) == options_problem({sweep.option: sweep.most}) == ""
 
