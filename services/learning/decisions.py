@@ -111,7 +111,8 @@ class Decisions:
             margin=ruling.margin,
             evidence={**proposal.evidence, **ruling.evidence},
         )
-        self._trials.wait(key_of(proposal), now + self._pace.after_refusal)
+        if proposal.question or not proposal.urgent:  # else no held-out time was used up
+            self._trials.wait(key_of(proposal), now + self._pace.after_refusal)
         where = (proposal.model, *key_of(proposal), proposal.area)
         stored = candidate.stored
         if wins and allowed:

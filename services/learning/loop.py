@@ -178,8 +178,12 @@ class LearningLoop:
         self.decisions.publish_phones()
         self._finish(now)
         for proposal in self.lessons.alarms():
-            if self._wanted(proposal):
+            if not self._wanted(proposal):
+                continue
+            if proposal.question:
                 self._trials.expect(Candidate(proposal))
+            else:
+                self.decisions.rule(Candidate(proposal), self._gate.of_its_own(proposal), now)
         if not self._trials.busy:
             self._begin_trial(now)
             self._finish(now)

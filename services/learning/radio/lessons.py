@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from services.learning.proposal import Proposal
 from services.learning.radio.by_name import columns_today
 from services.learning.radio.changes import Changes
+from services.learning.radio.doubts import SURE, agreement, believed, doubted, doubts, is_doubted
 from services.learning.radio.evidence import RadioEvidence
 from services.learning.radio.hearing import RecentHearing
 from services.learning.radio.lesson_settings import RadioLessonSettings
@@ -21,11 +22,21 @@ from services.learning.radio.placing import Placing
 from services.learning.radio.shifts import Shift, find_shifts
 from services.learning.radio.standing import Known, robust_sigma, standing
 from services.learning.radio.suspicions import news_to, supposed
+from services.learning.radio.wording import believed_words, doubted_words
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
 from shared.learning_report import AccessPointFit, ModelKind
 from shared.messages import Message, RadioModelFile, RadioModelUpdate
-from shared.radio import PathLoss, RadioFit, RadioModelError, RadioPrior, Visits, fit_radio, pack_radio_model
+from shared.radio import (
+    PathLoss,
+    RadioFit,
+    RadioModel,
+    RadioModelError,
+    RadioPrior,
+    Visits,
+    fit_radio,
+    pack_radio_model,
+)
 from shared.site import Site
 
 __all__ = ["RadioLessons"]
@@ -36,8 +47,6 @@ MARGIN = 3.0
 """Metres around the floor for which the map is made, as fusion believes positions so far outside."""
 REVIEW = 30.0
 """Seconds between two looks for changes."""
-SURE = 14.0
-"""Nats from which one look is enough to believe a change; otherwise the next look must say so too."""
 SHARED = 2.0
 """dB that a visit's readings have in common at least, where few visits have shown it yet."""
 
@@ -73,6 +82,7 @@ class RadioLessons:
         self._suspects: dict[int, float] = {}
         self._alarming: list[Shift] = []
         self._alarmed = -np.inf
+        self._looked, self._lived = False, -np.inf
         self._numbers = 0
         self._heard = -np.inf
         self._taught, self._proposed, self._reviewed = -np.inf, -np.inf, -np.inf
@@ -134,6 +144,8 @@ class RadioLessons:
     def alarms(self, now: float) -> Sequence[Proposal]:
         """Return what is to be believed if what only seems to have changed has changed; see ``Alert``."""
         self.review(now)
+        if (distrust := self._distrust(now)) is not None:
+            return (distrust,)
         if not self._alarming or 0.0 <= now - self._alarmed < self._settings.after_change:
             return ()
         self._alarmed = now
@@ -143,6 +155,39 @@ class RadioLessons:
         names = ", ".join(self.points[shift.point] for shift in self._alarming)
         reason = f"what is heard of {names} seems to have changed"
         return (self._proposal(self._fit(visits, age, kept), visits, now, now, reason, {}, urgent=True),)
+
+    def _distrust(self, now: float) -> Proposal | None:
+        """Return the live model with access points doubted that read otherwise, or believed that do not after all."""
+        live, looked = self._live.model, self._looked
+        if live is None or not looked or self._reference is None:
+            return None
+        self._looked = False
+        if new := doubts(live, self._alarming):
+            words = doubted_words(*(self.points[shift.point] for shift in new))
+            return self._of_itself(doubted(live, new), now, min(shift.nats for shift in new), words)
+        if not any(is_doubted(live, point) for point in range(len(self.points))):
+            return None
+        recent, _, _ = self._teaching(since=max(now - self._settings.recent, self._lived), sure=True)
+        told = self._live.of_placed(recent)
+        error = own_offsets(told, self._live.beyond(told, np.zeros(0)))
+        shared = max(self._reference.visit, SHARED)
+        nats = {
+            point: agreement(live, told, error, shared, point)
+            for point in range(len(self.points))
+            if is_doubted(live, point)
+        }
+        again = [point for point in nats if nats[point] > SURE]
+        if not again:
+            return None
+        words = believed_words(*(self.points[point] for point in again))
+        return self._of_itself(believed(live, again), now, min(nats[point] for point in again), words)
+
+    def _of_itself(self, model: RadioModel, now: float, nats: float, words: str) -> Proposal:
+        """Return a proposal that is decided by what was heard since the live model was taught."""
+        update = RadioModelUpdate(t=now, area=self.area, version=0, model=pack_radio_model(model), reason=words)
+        return Proposal(
+            "radio", self.area, self.area, update, now, gain=nats, margin=SURE, reason=words, urgent=True
+        )  # fmt: skip
 
     def _believed(self, now: float) -> set[int]:
         """Return the access points whose change the evidence says already."""
@@ -180,6 +225,7 @@ class RadioLessons:
             return
         try:
             self._live.take(model.model)
+            self._lived = model.t
         except RadioModelError:
             return
 
@@ -204,6 +250,7 @@ class RadioLessons:
         twice = [
             shift for shift in shifts if shift.nats > SURE or self._suspects.get(shift.point, 0.0) * shift.by > 0.0
         ]
+        self._looked = True
         self._alarming = [] if self._live.model is None else [shift for shift in early if self._is_news(recent, shift)]
         self._suspects = {shift.point: shift.by for shift in shifts}
         for point, where in self._placing.look(self._evidence, self._reference).items():
@@ -297,6 +344,7 @@ class RadioLessons:
             visits=self._evidence.count(point),
             silent=self._hearing.silent(point, now),
             change=self._changes.found.get(point),
+            doubted=self._live.model is not None and is_doubted(self._live.model, point),
             place=None if where is None else (float(place[0]), float(place[1]), float(place[2])),
             place_error=self._placing.unclear.get(point) if where is None else where.error,
         )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shared.radio import Visits
 
-__all__ = ["Shift", "find_shifts"]
+__all__ = ["AGREED", "BlockMeans", "Shift", "block_means", "find_shifts"]
 
 Array = NDArray[np.float64]
 
@@ -135,25 +135,52 @@ def _mistrust(visits: Visits, error: Array, variance: Array) -> Array:
     return more
 
 
+@dataclass(frozen=True)
+class BlockMeans:
+    """What p pairs of a block and a phone read beyond what was foretold, on average.
+
+    Attributes:
+        off: (p,) dB.
+        alone: (p,) variance of that without the map's, dB².
+        map_variance: (p,) dB².
+        device: (p,) which phone.
+        block: (p,) which of ``blocks``, (b, 2), in numbers of blocks from the plan's zero.
+        blocks: see above.
+    """
+
+    off: Array
+    alone: Array
+    map_variance: Array
+    device: NDArray[np.int64]
+    block: NDArray[np.int64]
+    blocks: NDArray[np.int64]
+
+
+def block_means(visits: Visits, error: Array, unknown: Array, shared: float) -> BlockMeans:
+    """Return means over blocks and phones of n visits, n > 0; arguments as of ``find_shifts``."""
+    spots = np.floor(visits.place / BLOCK).astype(np.int64)
+    pairs, pair = np.unique(np.column_stack([spots, visits.device]), axis=0, return_inverse=True)
+    pair = pair.ravel()
+    total = np.bincount(pair, visits.weight)
+    blocks, block = np.unique(pairs[:, :2], axis=0, return_inverse=True)
+    return BlockMeans(
+        off=np.bincount(pair, visits.weight * error) / total,
+        alone=1.0 / total + shared**2,
+        map_variance=np.bincount(pair, visits.weight * unknown) / total,
+        device=pairs[:, 2],
+        block=block.ravel(),
+        blocks=blocks,
+    )
+
+
 def _shift(
     visits: Visits, error: Array, unknown: Array, shared: float, point: int, since: float, enough: float, agreed: float
 ) -> Shift | None:
     mine = (visits.point == point) & (visits.t > since)
     if mine.sum() < 6:
         return None
-    blocks = np.floor(visits.place[mine] / BLOCK).astype(np.int64)
-    device = visits.device[mine]
-    _, pair = np.unique(np.column_stack([blocks, device]), axis=0, return_inverse=True)
-    pair = pair.ravel()
-    first = np.unique(pair, return_index=True)[1]
-    own = visits.weight[mine]
-    total = np.bincount(pair, own)
-    off = np.bincount(pair, own * error[mine]) / total
-    map_variance = np.bincount(pair, own * unknown[mine]) / total
-    alone = 1.0 / total + shared**2
-    who, where = device[first], blocks[first]
-    _, block = np.unique(where, axis=0, return_inverse=True)
-    block = block.ravel()
+    means = block_means(visits.where(mine), error[mine], unknown[mine], shared)
+    off, alone, map_variance, who, block = means.off, means.alone, means.map_variance, means.device, means.block
     best = _best(off, alone, map_variance, block)
     if best is None or best[0] < enough:
         return None
@@ -169,7 +196,7 @@ def _shift(
     rest = sum(gain for phone, gain in gains.items() if phone != loudest)
     if not others.any() or rest < agreed:
         return None
-    middles = (np.unique(where[hit], axis=0) + 0.5) * BLOCK
+    middles = (means.blocks[np.unique(block[hit])] + 0.5) * BLOCK
     by = float(np.sum(off[hit] / (alone + map_variance)[hit]) / np.sum(1.0 / (alone + map_variance)[hit]))
     agreeing = sum(gain > 1.0 for gain in gains.values())
     return Shift(point, by, since, nats, middles, bool(chosen.mean() >= WHOLE), agreeing)

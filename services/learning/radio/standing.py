@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from services.learning.radio.changes import Change
 from services.learning.radio.placing import NEEDED
-from services.learning.radio.wording import placed_words, silent_words, unplaced_words
+from services.learning.radio.wording import UNTIL, doubted_words, placed_words, silent_words, unplaced_words
 from shared.learning_report import AccessPointFit, AccessPointState
 from shared.radio import PathLoss
 
@@ -27,6 +27,7 @@ class Known:
         visits: how many are kept of it.
         silent: since when it is, seconds since the epoch.
         change: what was found lately.
+        doubted: whether the live model no longer goes by it, somewhere or anywhere.
         place: x, y, z where it was located, metres, and ``place_error``, standard deviation of that.
         place_error: see above; of one that is not located, where that is too large.
     """
@@ -35,6 +36,7 @@ class Known:
     visits: int
     silent: float | None
     change: Change | None
+    doubted: bool
     place: tuple[float, float, float] | None
     place_error: float | None
 
@@ -78,5 +80,7 @@ def _words(name: str, known: Known, *, placed: bool, told: bool) -> tuple[Access
     if known.silent is not None:
         return "silent", silent_words(name, known.silent)
     if known.change is not None and known.change.state != "placed":
-        return known.change.state, known.change.words
+        return known.change.state, known.change.words + (f"; {UNTIL}" if known.doubted else "")
+    if known.doubted:
+        return "changed", doubted_words(name)
     return "fine" if told else "few readings", "" if known.filed else placed_words(name, live=True)

@@ -4,7 +4,30 @@ from __future__ import annotations
 
 import time
 
-__all__ = ["moved_words", "placed_words", "reading_words", "silent_words", "unplaced_words"]
+__all__ = [
+    "UNTIL",
+    "believed_words",
+    "doubted_words",
+    "moved_words",
+    "placed_words",
+    "reading_words",
+    "silent_words",
+    "unplaced_words",
+]
+
+
+UNTIL = "not gone by until it is learned anew"
+
+
+def doubted_words(*names: str) -> str:
+    """Return what to say of access points that do not read what the live model foretells."""
+    what = UNTIL if len(names) == 1 else UNTIL.replace("it is", "they are")
+    return f"{', '.join(names)} no longer read{'s' * (len(names) == 1)} what was learned: {what}"
+
+
+def believed_words(*names: str) -> str:
+    """Return what to say of access points that were doubted and do."""
+    return f"{', '.join(names)} read{'s' * (len(names) == 1)} what was learned, after all"
 
 
 def reading_words(name: str, by: float, since: float, *, whole: bool) -> str:
