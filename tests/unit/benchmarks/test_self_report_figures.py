@@ -35,7 +35,8 @@ def test_only_named_positions_in_view_are_held_against_the_truth() -> None:
     )
     frame = TrackFrame(
         t=1.5, area="hall", chunk=1, tracker="none", track=[1, 2, 3], floor=["f"] * 3, x=[1.5, 9.0, 9.0],
-        y=[3.5, 9.0, 9.0], covariance=[(1.0, 0.0, 1.0)] * 3, vx=[0.0] * 3, vy=[0.0] * 3, state=["confirmed", "confirmed", "unseen"],
+        y=[3.5, 9.0, 9.0], covariance=[(1.0, 0.0, 1.0)] * 3, vx=[0.0] * 3, vy=[0.0] * 3,
+        state=["confirmed", "confirmed", "unseen"],
         device=["d-1", None, "d-1"], probability=[0.9] * 3, runner_up=[None] * 3, runner_up_probability=[0.0] * 3,
         former=[[]] * 3, sources=[[]] * 3, quality=[1.0] * 3,
     )  # fmt: skip
