@@ -66,6 +66,26 @@ class Keys:
         """Alert, reliable, cached."""
         return f"{self.root}/alert/{_part(zone)}"
 
+    def zones(self) -> str:
+        """ZoneSet (``shared.zones``): all zones as staff keep them, from the API; cached."""
+        return f"{self.root}/config/zones"
+
+    def occupancy(self) -> str:
+        """Occupancy: how many people are in each zone, every few seconds; from geofence."""
+        return f"{self.root}/occupancy"
+
+    def history(self) -> str:
+        """Queryable: a question about the past (``shared.history_query``) → its answer."""
+        return f"{self.root}/history/query"
+
+    def still(self, camera: str = "*") -> str:
+        """Queryable: one picture of a camera for its calibration; the only way a picture leaves, off by default."""
+        return f"{self.root}/camera/{_part(camera)}/still"
+
+    def erased(self, device: str = "*", service: str = "*") -> str:
+        """Erased: a store has forgotten a device whose owner withdrew consent; cached."""
+        return f"{self.root}/erased/{_part(device)}/{_part(service)}"
+
     def stride_model(self, device: str = "*") -> str:
         """StrideModel, on activation, cached."""
         return f"{self.root}/model/stride/{_part(device)}"

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Alert",
+    "AlertKind",
     "CameraAlignment",
     "CameraStatus",
     "ChunkMark",
@@ -28,6 +29,7 @@ __all__ = [
     "Message",
     "MessageError",
     "MotionBatch",
+    "Occupancy",
     "RadioModelFile",
     "RadioModelUpdate",
     "RadioScan",
@@ -44,6 +46,7 @@ Covariance = tuple[float, float, float]
 """A symmetric 2 x 2 covariance in m², written (xx, xy, yy)."""
 Box = tuple[float, float, float, float]
 """left, top, width, height in pixels of the camera's own image."""
+AlertKind = Literal["enter", "exit", "dwell", "cross", "crowd", "proximity", "speed"]
 TrackState = Literal["confirmed", "coasting", "unseen"]
 """``coasting``: no camera saw it just now; ``unseen``: a device followed by its steps and radio alone."""
 
@@ -299,17 +302,43 @@ class ChunkMark(Message, frozen=True, kw_only=True):
 
 
 class Alert(Message, frozen=True, kw_only=True):
-    """Somebody entered or left a zone."""
+    """Something a rule of a zone asks for: somebody entered or left it, stayed, crossed a line, came too near …"""
 
     id: str
     zone: str
-    kind: Literal["enter", "exit"]
+    kind: AlertKind
     area: str
     track: int
+    """0 where it is about nobody alone: a crowd."""
     floor: str
     x: float
     y: float
     device: str | None = None
+    rule: str = ""
+    """Id of the zone's rule; empty: the site file's ``alert_on``."""
+    value: float | None = None
+    """What was found: seconds of dwell, people of a crowd, metres of proximity, m/s; ``limit``: what is allowed."""
+    limit: float | None = None
+    direction: Literal["forward", "backward"] | None = None
+    """Of ``cross``."""
+    other_track: int | None = None
+    """Of ``proximity``, and ``other_device`` likewise."""
+    other_device: str | None = None
+
+
+class Occupancy(Message, frozen=True, kw_only=True):
+    """How many people are in each zone at ``t``, from geofence every few seconds."""
+
+    zone: list[str] = []
+    people: list[int] = []
+    """Whom cameras see, with a phone or without."""
+    phones: list[int] = []
+    """Known devices among them, or followed by radio and steps alone."""
+
+    @classmethod
+    def columns(cls) -> tuple[str, ...]:
+        """One entry per zone."""
+        return ("zone", "people", "phones")
 
 
 class StrideModel(Message, frozen=True, kw_only=True):

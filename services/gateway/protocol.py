@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from services.gateway.reckoning.carrying import Carrying
-from shared.messages import Covariance, InertialColumns
+from shared.messages import AlertKind, Covariance, InertialColumns
 
 __all__ = [
     "Accepted",
@@ -248,11 +248,11 @@ class Position(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class OwnAlert(msgspec.Struct, frozen=True, kw_only=True):
-    """This phone entered or left a zone."""
+    """What a rule of a zone told of this phone: it entered, left, stayed …"""
 
     t: float
     """When, server clock."""
-    kind: Literal["enter", "exit"]
+    kind: AlertKind
     zone: str
     name: str
     floor: str

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import zoneinfo
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
@@ -25,6 +26,7 @@ from shared.site.floor_plan import FloorPlan
 
 __all__ = [
     "AccessPoint",
+    "Anchor",
     "Area",
     "Camera",
     "Floor",
@@ -77,6 +79,14 @@ def _simple_polygon(ring: list[tuple[float, float]]) -> list[tuple[float, float]
     if not polygon.is_valid:
         raise ValueError(f"the polygon must not cross or touch itself ({shapely.is_valid_reason(polygon)})")
     return ring
+
+
+def _time_zone(name: str) -> str:
+    try:
+        zoneinfo.ZoneInfo(name)
+    except (ValueError, OSError, zoneinfo.ZoneInfoNotFoundError) as error:
+        raise ValueError("must be an IANA time zone such as Europe/Rome or UTC") from error
+    return name
 
 
 def _inside_folder(path: Path, info: ValidationInfo) -> Path:
@@ -236,6 +246,13 @@ class Zone(Part):
     alert_on: list[Literal["enter", "exit"]] = ["enter", "exit"]
 
 
+class Anchor(Part):
+    """Where the plan's zero lies, WGS 84 degrees; how the plan is turned says ``north``."""
+
+    latitude: Annotated[Number, Field(ge=-85, le=85)]
+    longitude: Annotated[Number, Field(ge=-180, le=180)]
+
+
 class Site(Part):
     """Everything the site file says."""
 
@@ -244,6 +261,10 @@ class Site(Part):
     name: str = ""
     north: Annotated[Number, Field(ge=-360, le=360)] = 90.0
     """Direction of the compass's north on the plan, degrees counter-clockwise from the +x axis."""
+    time_zone: Annotated[str, AfterValidator(_time_zone)] = "UTC"
+    """IANA name such as Europe/Rome: rules days and schedules."""
+    anchor: Anchor | None = None
+    """Where the plan lies on Earth; without it there are no geographic coordinates."""
     floors: Annotated[list[Floor], Field(min_length=1)]
     areas: Annotated[list[Area], Field(min_length=1)]
     cameras: list[Camera] = []

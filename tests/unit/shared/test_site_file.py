@@ -70,7 +70,7 @@ def test_the_site_of_the_real_clip_loads(data_folder: Path, monkeypatch: pytest.
 @pytest.mark.parametrize(
     ("place", "value", "told"),
     [
-        ("colour", "red", r"colour: unknown key; allowed here: format, site, name, north, floors"),
+        ("colour", "red", r"colour: unknown key; allowed here: format, site, name, north, time_zone, anchor"),
         ("floors[0].height", 3, r"floors\[0\]\.height: unknown key; allowed here: id, name, level, outline"),
         ("floors[0].obstacles[0].size", 3, r"floors\[0\]\.obstacles\[0\]\.size: unknown key; allowed here: id, polygon"),
         ("cameras[0].geometry.points", [], r"cameras\[0\]\.geometry\.points: unknown key; allowed here: kind, image_size"),

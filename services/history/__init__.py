@@ -1,0 +1,1 @@
+"""What happened: tracks, alerts and occupancy in a database, and what is asked of them."""
