@@ -1,9 +1,9 @@
 """Who is inside of which area: one two-state machine per track and area, all of them advanced at once.
 
-Somebody outside enters once there is enough evidence (``evidence``) of a place inside, by a margin, and leaves likewise:
-between the two borders noise speaks for staying. A track that touched an area and is surely outside again has *passed*
-if the way from where it was last surely outside leads through: enter and exit at once, however thin the area and
-however long the step. One that touched and went back where it came from has not.
+Somebody outside enters once there is enough evidence (``evidence``) of a place inside, by a margin, and leaves
+likewise: between the two borders noise speaks for staying. A track that touched an area and is surely outside again has
+*passed* if the way from where it was last surely outside leads through: enter and exit at once, however thin the area
+and however long the step. One that touched and went back where it came from has not.
 """
 
 from __future__ import annotations

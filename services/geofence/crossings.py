@@ -6,15 +6,16 @@ Each frame: which borders are near (``zone_index``), which pairs of track and bo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from services.geofence.area_crossings import advance_areas
+from services.geofence.carried_over import carried_over
 from services.geofence.evidence import SURE
 from services.geofence.line_crossings import advance_lines
 from services.geofence.pairs import PAIR, Crossing, Frame, Pairs, ranges_of
@@ -81,6 +82,17 @@ class Crossings:
     def tracks(self) -> Ints:
         """Ids of the tracks that are remembered, sorted."""
         return self._slots.ids
+
+    @property
+    def places(self) -> NDArray[Any]:
+        """(k,) of ``slots.PLACE``: when and where those who are remembered were last, and who they are."""
+        return self._slots.place[self._slots.slot_of_id]
+
+    def place_of(self, who: int) -> Any | None:
+        """Return when and where one person was last; None where nobody knows."""
+        places = self.places
+        mine = np.flatnonzero(places["who"] == who)
+        return places[mine[0]] if len(mine) else None
 
     def people(self, track: Ints) -> Ints:
         """Return who each of these tracks is, (n,); 0 where it is not remembered."""
@@ -168,50 +180,36 @@ class Crossings:
         """Let every track leave every area at ``t``: no more frames will come."""
         return self._vanish(t, -np.inf)
 
-    def moved(self, borders: Borders, becomes: Mapping[int, int], t: float) -> tuple[Crossings, list[Crossing]]:
-        """Return the same people before other borders: whom a border that changed still holds stays inside of it.
+    def moved(
+        self, borders: Borders, becomes: Mapping[int, int], unchanged: Collection[int], t: float
+    ) -> tuple[Crossings, list[Crossing]]:
+        """Return the same people before other borders: whom a border that changed may still hold stays inside of it.
 
         Args:
             borders: the new ones.
             becomes: which old border is which new one, where it is the same area or line.
+            unchanged: the old ones that keep their shape.
             t: now; who was inside of a shape that no longer holds them has left by then.
 
         Returns:
             The new state, and the exits. Who is inside of an area that is new, or grew, is inside without a word.
         """
+        old, new, slots = self._borders.index, borders.index, self._slots
+        slot, place = slots.slot_of_id, slots.place
+        floor = new.floors_of([old.floor_names.get(number, "") for number in place["floor"][slot].tolist()])
+        tracks = slot, place["x"][slot], place["y"][slot], floor
         other = Crossings(borders, self._grace)
-        other._slots = self._slots
-        count, index = len(borders.index), borders.index
-        slots, places = self._slots.slot_of_id, self._slots.place[self._slots.slot_of_id]
-        names = [""] * len(slots)
-        for number, name in self._floor_names.items():
-            for row in np.flatnonzero(places["floor"] == number).tolist():
-                names[row] = name
-        floor = index.floors_of(names)
-        self._slots.place["floor"][slots] = np.where(places["floor"] >= 0, floor, places["floor"])
-        row, border, depth, _ = index.nearby(places["x"], places["y"], floor)
-        here = np.flatnonzero((depth >= 0.0) & ~index.is_line[border])
-        inside = {int(code) for code in slots[row[here]] * count + border[here]}
+        other._slots = slots
+        other._pairs, left = carried_over(self._pairs, old, new, becomes, unchanged, tracks)
+        other._count_inside()
         happened = []
-        old = len(self._borders.index)
-        track_of = {slot: number for number, slot in self._slots.by_id().items()}
-        for pair in self._pairs[(self._pairs["side"] > 0) & ~self._is_line(self._pairs["code"])]:
-            slot, border_before = divmod(int(pair["code"]), old)
-            border_now = becomes.get(border_before)
-            if border_now is None:
-                continue
-            code = slot * count + border_now
-            # Who is held stays: nobody knows where they are.
-            if self._slots.place["floor"][slot] < 0 and slot in track_of:
-                inside.add(code)
-            elif code not in inside and slot in track_of:
-                place = self._slots.place[slot]
-                one = Crossing("exit", border_before, track_of[slot], int(place["who"]), t, place["x"], place["y"])
-                happened.append(one)
-        codes = np.array(sorted(inside), np.int64)
-        other._pairs = np.zeros(len(codes), PAIR)
-        other._pairs["code"], other._pairs["side"] = codes, 1
-        np.add.at(other.occupancy, codes % count, 1)
+        track_of = {one: number for number, one in slots.by_id().items()}
+        for code in left.tolist():
+            one, border = divmod(code, len(old))
+            t0, x, y, _, who = place[one].tolist()
+            happened.append(Crossing("exit", border, track_of[one], who, max(t, t0), x, y))
+        elsewhere = place["floor"][slot] < 0
+        place["floor"][slot] = np.where(elsewhere, place["floor"][slot], floor)
         return other, happened
 
     def inside(self) -> list[tuple[int, int, int, float, float]]:
@@ -238,16 +236,18 @@ class Crossings:
         slots.restore(state["slots"])
         pairs = np.array([tuple(pair) for pair in state["pairs"]], PAIR)
         codes, count = pairs["code"], len(self._borders.index)
-        if len(codes) and (not count or not np.isin(codes // count, slots.slot_of_id).all() or (np.diff(codes) <= 0).any()):
+        if len(codes) and (
+            not count or not np.isin(codes // count, slots.slot_of_id).all() or (np.diff(codes) <= 0).any()
+        ):
             raise ValueError("pairs of tracks and zones that are not there")
         self._slots, self._pairs = slots, pairs
+        self._count_inside()
+
+    def _count_inside(self) -> None:
+        codes, count = self._pairs["code"], len(self._borders.index)
         self.occupancy = np.zeros(count, np.int64)
         if count:
-            np.add.at(self.occupancy, codes[(pairs["side"] > 0) & ~self._is_line(codes)] % count, 1)
-
-    @property
-    def _floor_names(self) -> dict[int, str]:
-        return self._borders.index.floor_names
+            np.add.at(self.occupancy, codes[(self._pairs["side"] > 0) & ~self._is_line(codes)] % count, 1)
 
     def _is_line(self, codes: Ints) -> Bools:
         return self._borders.index.is_line[codes % max(len(self._borders.index), 1)]
@@ -336,14 +336,15 @@ class Crossings:
         # On another floor a line is nowhere.
         stays[some] = stay & np.isfinite(of.depth)
         state[some] = mine
-        return [
-            Crossing(
-                "cross", int(of.border[place]), int(frame.track[of.row[place]]), int(frame.who[of.row[place]]),
-                float(mine["t"][place]), float(mine["x"][place]), float(mine["y"][place]), direction,
-            )
-            for direction, places in (("forward", forward), ("backward", backward))
-            for place in places.tolist()
-        ]  # type: ignore[misc]  # fmt: skip
+        happened = []
+        for place in [*forward.tolist(), *backward.tolist()]:
+            row = int(of.row[place])
+            t, x, y = (float(mine[name][place]) for name in ("t", "x", "y"))
+            # Those who crossed are on the other side by now: on the right after a crossing forward.
+            direction: Literal["forward", "backward"] = "forward" if mine["side"][place] < 0 else "backward"
+            person = int(frame.track[row]), int(frame.who[row])
+            happened.append(Crossing("cross", int(of.border[place]), *person, t, x, y, direction))
+        return happened
 
     def _passed(
         self, border: int, pair: Any, person: tuple[int, int], here: tuple[float, float, float], spread: float
@@ -390,7 +391,8 @@ class Crossings:
                     self.occupancy[border] -= 1
                     self._pairs["side"][np.searchsorted(self._pairs["code"], code)] = -1
                     whose = int(place["who"][old])
-                    one = Crossing("absorbed", border, number, whose, t, float(place["x"][old]), float(place["y"][old]))
+                    x, y, heir = float(place["x"][old]), float(place["y"][old]), int(place["who"][new])
+                    one = Crossing("absorbed", border, number, whose, t, x, y, heir=heir)
                     happened.append(one)
         return happened
 
@@ -434,9 +436,9 @@ class Crossings:
         beyond = -int(pair["side"]) * self._depth(border, x, y) >= self._borders.margins[border]
         if not (beyond and int(pair["net"]) * int(pair["side"]) > 0):
             return []
-        direction = "forward" if pair["side"] > 0 else "backward"
+        direction: Literal["forward", "backward"] = "forward" if pair["side"] > 0 else "backward"
         where = float(pair["t"]), float(pair["x"]), float(pair["y"])
-        return [Crossing("cross", border, track, who, *where, direction)]  # type: ignore[arg-type]
+        return [Crossing("cross", border, track, who, *where, direction)]
 
     def _depth(self, border: int, x: float, y: float) -> float:
         return float(self._borders.index.depth(np.array([border]), np.array([x]), np.array([y]))[0])

@@ -1,8 +1,8 @@
 """Who crossed which directed line: the side on which somebody surely is, and the steps that cut the line in between.
 
 A crossing counts once somebody is surely on the other side (``evidence``) and the steps since they were surely on this
-one cut the line once more in that direction than back. Whoever goes round its end cuts it not; whoever steps over it and
-back is on the same side again; noise on the line cuts it back and forth.
+one cut the line once more in that direction than back. Whoever goes round its end cuts it not; whoever steps over it
+and back is on the same side again; noise on the line cuts it back and forth.
 """
 
 from __future__ import annotations

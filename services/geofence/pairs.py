@@ -31,8 +31,8 @@ PAIR = np.dtype(
 )
 """The state of one pair; ``code``: slot times borders plus border, by which they are sorted.
 
-``side``: 1 inside of an area or left of a line, -1 outside or right. ``evidence`` of being on the other side by now, and
-``t``, ``x``, ``y``: since when and from where (of a line: where it was crossed last). ``touched``, of areas: since
+``side``: 1 inside of an area or left of a line, -1 outside or right. ``evidence`` of being on the other side by now,
+and ``t``, ``x``, ``y``: since when and from where (of a line: where it was crossed last). ``touched``, of areas: since
 ``anchor``, when the track was last surely outside, it or a step of its lay inside. ``net``, of lines: how often it was
 crossed from left to right, less how often back.
 """
@@ -54,6 +54,8 @@ class Crossing:
     x: float
     y: float
     direction: Literal["forward", "backward"] | None = None
+    heir: int = 0
+    """Of ``absorbed``: who it turned out to be."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """How deep does each of many points lie in each border nearby, and which borders does a step cut?
 
 A *border* is the ring of an area or a directed line. Depth is the signed distance to it, metres: positive inside of an
-area and left of a line, exact near the border. A grid of cells per floor lists the borders that come within ``reach`` of
-each cell and the few edges that can be the nearest there, so that a point is measured against two edges or three, by
+area and left of a line, exact near the border. A grid of cells per floor lists the borders that come within ``reach``
+of each cell and the few edges that can be the nearest there, so that a point is measured against two edges or three, by
 arrays, and not against every zone. Steps longer than ``reach`` go to an R-tree.
 """
 
