@@ -55,7 +55,7 @@ class ZoneIndex:
         floors: the floor of each border.
         reach: metres within which depths are exact; whoever is farther outside is not listed.
         lines: whether each border is a line; None: all are areas.
-        bounds: floors' (low x, low y, high x, high y), beyond which nobody is looked for; others have none.
+        bounds: floors' (low x, low y, high x, high y), beyond which nobody is looked for; other floors have none.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class ZoneIndex:
             shapely.LineString(course) if line else shapely.Polygon(course)
             for course, line in zip(courses, self.is_line.tolist(), strict=True)
         ]
-        self._floor_numbers = {name: number for number, name in enumerate(dict.fromkeys(floors))}
+        self._floor_numbers = {name: number for number, name in enumerate(dict.fromkeys([*(bounds or {}), *floors]))}
         self.floor_names = {number: name for name, number in self._floor_numbers.items()}
         """Of the floor numbers."""
         self.floor = np.array([self._floor_numbers[name] for name in floors], np.int64)
@@ -94,15 +94,17 @@ class ZoneIndex:
         self._ax, self._ay, self._ux, self._uy = begin[:, 0], begin[:, 1], along[:, 0], along[:, 1]
         self._inverse = 1.0 / np.maximum(length, 1e-12)
         self._shapely_tree: shapely.STRtree | None = None
-        numbers = range(len(self._floor_numbers))
-        names = list(self._floor_numbers)
-        self._grids = [self._grid(np.flatnonzero(self.floor == n), (bounds or {}).get(names[n])) for n in numbers]
+        self._grids = [
+            self._grid(members, (bounds or {}).get(name)) if len(members) else None
+            for name, number in self._floor_numbers.items()
+            for members in [np.flatnonzero(self.floor == number)]
+        ]
 
     def __len__(self) -> int:
         return len(self._shapes)
 
     def floors_of(self, names: Sequence[str]) -> Ints:
-        """Return the numbers of these floors, (n,); -1 for a floor without borders."""
+        """Return the numbers of these floors, (n,); -1 for a floor that is not known."""
         numbers = self._floor_numbers
         return np.fromiter((numbers.get(name, -1) for name in names), np.int64, len(names))
 
