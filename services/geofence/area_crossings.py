@@ -23,6 +23,12 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 
+ENTER_MARGIN = 0.2
+"""Of the margin: who walks in is told sooner than who walks out, whom nobody wants back a moment later."""
+EXIT_PATIENCE = 1.5
+"""Times the least seconds, likewise."""
+
+
 @dataclass(frozen=True, slots=True)
 class AreaStep:
     """What happened to (m,) pairs; each array is boolean, or lists places among the pairs."""
@@ -55,25 +61,30 @@ def advance_areas(state: NDArray[Any], new: Bools, pairs: Pairs, frame: Frame, m
 
     inside = state["side"] > 0
     outside = ~inside
-    beyond = np.where(inside, -pairs.depth, pairs.depth) - pairs.margin
+    beyond = np.where(inside, -pairs.depth - pairs.margin, pairs.depth - ENTER_MARGIN * pairs.margin)
     demand = np.where(inside, 0.0, pairs.demand)
     before = state["evidence"]
     seconds = np.where(known, t - frame.before_t[row], 0.0)
     # Exactly known places have no spread: a hair keeps the division.
-    evidence = gathered(before, beyond / np.maximum(pairs.sigma, 1e-9) - demand, seconds, min_seconds)
+    patience = np.where(inside, EXIT_PATIENCE * min_seconds, min_seconds)
+    evidence = gathered(before, beyond / np.maximum(pairs.sigma, 1e-9) - demand, seconds, patience)
     begins = (evidence > 0.0) & (before == 0.0)
     for name, value in (("t", np.full(len(row), t)), ("x", x), ("y", y)):
         state[name][begins] = value[begins]
     turns = evidence >= 1.0
     touched = state["touched"] | (pairs.depth >= 0.0) | pairs.crossed
     surely_out = pairs.depth < -pairs.sure
-    ends = outside & ~turns & surely_out
+    # Whoever stands in a narrow area is measured on this side and on that: by one standard deviation, that is no news.
+    out = (-pairs.depth - pairs.margin) / np.maximum(pairs.sigma, 1e-9) - 1.0
+    away = np.where(touched, gathered(state["away"], out, seconds, EXIT_PATIENCE * min_seconds), 0.0)
+    # One position that jumps away ends nothing that was begun.
+    ends = outside & ~turns & surely_out & (~touched | (away >= 1.0))
     passes = np.flatnonzero(ends & touched & np.isfinite(state["anchor_t"]))
     enters, exits = np.flatnonzero(turns & outside), np.flatnonzero(turns & inside)
     state["evidence"] = np.where(turns, 0.0, evidence)
     state["side"][turns] = -state["side"][turns]
-    state["touched"] = touched
+    state["touched"], state["away"] = touched, away
     # Whoever left was last outside here.
-    state["touched"][exits] = False
+    state["touched"][exits], state["away"][exits] = False, 0.0
     state["anchor_t"][exits], state["anchor_x"][exits], state["anchor_y"][exits] = t, x[exits], y[exits]
-    return AreaStep(enters, exits, passes, (state["side"] > 0) | ~surely_out)
+    return AreaStep(enters, exits, passes, (state["side"] > 0) | ~ends & (state["touched"] | ~surely_out))

@@ -30,7 +30,7 @@ Bools = NDArray[np.bool_]
 
 _NARROW = 0.5
 """Of the half width of an area that is the margin's most: who is in the middle of a narrow one is in it."""
-_PASS_SURE = 2.5
+_PASS_SURE = 1.0
 """Standard deviations by which the way through an area may be aside and still lead through."""
 
 
@@ -58,6 +58,10 @@ class Borders:
 
     margins: Floats = None  # type: ignore[assignment]
     demands: Floats = None  # type: ignore[assignment]
+
+
+_LIKELY = 0.5
+"""Of the evidence needed, with which somebody is taken to have crossed who is seen no more."""
 
 
 class Crossings:
@@ -430,11 +434,13 @@ class Crossings:
             if pair["side"] > 0:
                 self.occupancy[border] -= 1
                 return [Crossing("exit", border, track, who, t, x, y)]
-            # Through an area and lost just behind it, within the margin.
-            outside = pair["touched"] and np.isfinite(pair["anchor_t"]) and self._depth(border, x, y) < 0.0
+            # Through an area and lost just behind it.
+            behind = pair["touched"] and np.isfinite(pair["anchor_t"]) and self._depth(border, x, y) < 0.0
+            outside = behind and (
+                pair["away"] >= _LIKELY or -self._depth(border, x, y) <= self._borders.margins[border]
+            )
             return self._passed(border, pair, (track, who), (seen, x, y), 0.0) if outside else []
-        beyond = -int(pair["side"]) * self._depth(border, x, y) >= self._borders.margins[border]
-        if not (beyond and int(pair["net"]) * int(pair["side"]) > 0):
+        if pair["evidence"] < _LIKELY or int(pair["net"]) * int(pair["side"]) <= 0:
             return []
         direction: Literal["forward", "backward"] = "forward" if pair["side"] > 0 else "backward"
         where = float(pair["t"]), float(pair["x"]), float(pair["y"])

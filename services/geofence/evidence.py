@@ -24,17 +24,17 @@ _ONE_SAMPLE = 0.5
 """Of what is needed: no less than two samples decide, however rare they are."""
 
 
-def gathered(evidence: Floats, z: Floats, seconds: Floats, min_seconds: float) -> Floats:
+def gathered(evidence: Floats, z: Floats, seconds: Floats, min_seconds: float | Floats) -> Floats:
     """Return the evidence (m,) of being on the other side after one more sample; 1 and more: enough.
 
     Args:
         evidence: (m,) before.
         z: (m,) by how many standard deviations the sample lies on the other side.
         seconds: (m,) for which the sample stands: since the one before.
-        min_seconds: for which somebody must surely be there.
+        min_seconds: for which somebody must surely be there; one for all, or (m,).
     """
     bounded = np.clip(z, -_AT_ONCE, _AT_ONCE)
     # Bowling et al. 2009: the logit of the normal distribution function, 1e-4 near.
     log_odds = np.clip(bounded * (1.5976 + 0.07056 * bounded * bounded), -_NO_DOUBT, _NO_DOUBT) / _NO_DOUBT
-    share = np.minimum(log_odds * seconds / max(min_seconds, 1e-9), _ONE_SAMPLE)
+    share = np.minimum(log_odds * seconds / np.maximum(min_seconds, 1e-9), _ONE_SAMPLE)
     return np.where(z >= _AT_ONCE, 1.0, np.maximum(evidence + share, 0.0))

@@ -41,8 +41,8 @@ def advance_lines(
         stays: (m,) whether the pair must be remembered.
     """
     row = pairs.row
-    first = np.where(np.isfinite(depth_before), depth_before, pairs.depth)[new]
-    state["side"][new] = np.where(first >= 0.0, 1, -1)
+    # Who is seen first beside a line, or is new there, is on no side yet.
+    state["side"][new] = np.where(np.isfinite(depth_before), np.where(depth_before >= 0.0, 1, -1), 0)[new]
     cut = pairs.crossed
     share = pairs.share
     before_t, before_x, before_y = frame.before_t[row], frame.before_x[row], frame.before_y[row]
@@ -52,14 +52,19 @@ def advance_lines(
     state["y"][cut] = (before_y + share * (frame.y[row] - before_y))[cut]
 
     side = state["side"].astype(float)
-    z = (-side * pairs.depth - pairs.margin) / np.maximum(pairs.sigma, 1e-9) - pairs.demand
     seconds = np.where(frame.known[row], frame.t - before_t, 0.0)
-    state["evidence"] = gathered(state["evidence"], z, seconds, min_seconds)
+    beyond = np.where(side == 0.0, pairs.depth, -side * pairs.depth) - pairs.margin
+    sigma = np.maximum(pairs.sigma, 1e-9)
+    state["evidence"] = gathered(state["evidence"], beyond / sigma - pairs.demand, seconds, min_seconds)
     turns = state["evidence"] >= 1.0
     told = turns & (state["net"] * side > 0.0)
     forward, backward = np.flatnonzero(told & (side > 0.0)), np.flatnonzero(told & (side < 0.0))
-    state["side"][turns] = -state["side"][turns]
-    state["net"][turns] = 0
-    state["evidence"][turns] = 0.0
+    nowhere = side == 0.0
+    right = (-pairs.depth - pairs.margin) / sigma - pairs.demand
+    state["away"] = np.where(nowhere, gathered(state["away"], right, seconds, min_seconds), 0.0)
+    state["side"] = np.where(turns, np.where(nowhere, 1, -side), np.where(state["away"] >= 1.0, -1, side))
+    settled = turns | (nowhere & (state["side"] != 0))
+    state["net"][settled] = 0
+    state["evidence"][settled] = 0.0
     surely_here = state["side"] * pairs.depth > pairs.sure
-    return forward, backward, ~surely_here | turns
+    return forward, backward, ~surely_here | settled

@@ -20,6 +20,7 @@ PAIR = np.dtype(
         ("side", np.int8),
         ("touched", np.bool_),
         ("evidence", float),
+        ("away", float),
         ("net", np.int64),
         ("t", float),
         ("x", float),
@@ -31,9 +32,9 @@ PAIR = np.dtype(
 )
 """The state of one pair; ``code``: slot times borders plus border, by which they are sorted.
 
-``side``: 1 inside of an area or left of a line, -1 outside or right. ``evidence`` of being on the other side by now,
+``side``: 1 inside of an area or left of a line, -1 outside or right, 0 at first on neither side of a line. ``evidence`` of being on the other side by now,
 and ``t``, ``x``, ``y``: since when and from where (of a line: where it was crossed last). ``touched``, of areas: since
-``anchor``, when the track was last surely outside, it or a step of its lay inside. ``net``, of lines: how often it was
+``anchor``, when the track was last surely outside, it or a step of its lay inside. ``away``: evidence of being outside since then, or at first right of a line. ``net``, of lines: how often it was
 crossed from left to right, less how often back.
 """
 

@@ -15,10 +15,10 @@ class GeofenceSettings(ServiceSettings):
     """Settings of the zone alerts. Wider margins and longer waits mean calmer, later alerts."""
 
     geofence_margin: float = Field(
-        0.1, ge=0, le=2, description="metres on either side of a border in which nothing changes"
+        0.25, ge=0, le=2, description="metres outside of a border in which somebody inside is not taken to have left"
     )
     geofence_min_seconds: float = Field(
-        0.3,
+        0.2,
         ge=0,
         le=60,
         description="seconds for which somebody must surely be across a border; who may be is waited for longer",
