@@ -176,7 +176,7 @@ class Demo:
                 )
                 for area in self.site.areas
             ),
-            ("geofence", "services.geofence", {}),
+            ("geofence", "services.geofence", {"ATRIUM_STATE_FOLDER": str(state)}),
             ("learning", "services.learning", {"ATRIUM_LEARNING_DATABASE_URL": f"sqlite:///{models}"}),
             ("api", "services.api", {"ATRIUM_API_PORT": str(self.ports.api)}),
         ]
