@@ -115,7 +115,8 @@ _POINTS = f"""
   <section aria-labelledby="points-heading">
     <h2 id="points-heading">Access points <span>metres; z above this floor</span></h2>
     <div class="scroll"><table>
-      <thead><tr><th>Access point</th><th>x</th><th>y</th><th>z</th><th><span class="unseen">State</span></th></tr></thead>
+      <thead><tr><th>Access point</th><th>x</th><th>y</th><th>z</th>
+        <th><span class="unseen">State</span></th></tr></thead>
       <tbody id="points-list"></tbody>
     </table></div>
   </section>

@@ -46,7 +46,7 @@ def add_setup_relay(app: FastAPI, api_url: str, api_key: str) -> None:
                 answer = await client.request(
                     request.method,
                     f"{api_url}/v1/{path}",
-                    params=request.query_params.multi_items(),
+                    params=str(request.query_params),
                     content=bytes(body),
                 )
         except httpx.HTTPError as error:

@@ -2,7 +2,7 @@
 
 import { bounds, paintPlan, paintWalls } from "./painting.js";
 import { paintLens, Picker } from "./picker.js";
-import { appeared, ask, button, mark, metres, numberInput, path, words } from "./setup-common.js";
+import { appeared, ask, button, mark, metres, numberInput, path, shownNumber, words } from "./setup-common.js";
 
 const BLUE = "#0b5394";
 const ORANGE = "#b8500a"; // told apart by colour-blind eyes too, and by shape
@@ -22,7 +22,7 @@ const image = new Picker(page["setup-image"], {
   to: ([u, v]) => [u / UNIT, -v / UNIT],
   from: (x, y) => [round(x * UNIT, 10), round(-y * UNIT, 10)],
   paint: paintImage,
-  points: () => (mode() === "interest" ? state.interest : state.pairs.map((pair) => pair.pixel)),
+  points: () => (mode() === "interest" ? state.interest : state.pairs.map((pair) => (known(pair.pixel) ? pair.pixel : null))),
   placed: (pixel) => placed("pixel", pixel),
   moved: (index, pixel) => moved(index, "pixel", pixel),
   told: ([u, v]) => say(`Pixel ${u.toFixed(1)}, ${v.toFixed(1)}`),
@@ -31,7 +31,7 @@ const plan = new Picker(page["setup-plan"], {
   to: (place) => place,
   from: (x, y) => [round(x, 1000), round(y, 1000)],
   paint: paintPlanSide,
-  points: () => state.pairs.map((pair) => pair.place),
+  points: () => state.pairs.map((pair) => (known(pair.place) ? pair.place : null)),
   placed: (place) => placed("place", place),
   moved: (index, place) => moved(index, "place", place),
   told: ([x, y]) => say(`Plan ${x.toFixed(2)}, ${y.toFixed(2)} m`),
@@ -39,6 +39,11 @@ const plan = new Picker(page["setup-plan"], {
 
 function round(value, by) {
   return Math.round(value * by) / by;
+}
+
+// Whether both coordinates are there: one may be typed before the other.
+function known(place) {
+  return place !== null && place.every(Number.isFinite);
 }
 
 function mode() {
@@ -59,11 +64,11 @@ function placed(what, value) {
     state.interest.push(value);
     return changed(false);
   }
-  const open = state.pairs.find((pair) => pair[what] === null);
+  const open = state.pairs.find((pair) => !known(pair[what]));
   if (open === undefined) state.pairs.push({ pixel: null, place: null, [what]: value });
   else open[what] = value;
-  const missing = state.pairs.findIndex((pair) => pair.pixel === null || pair.place === null);
-  const where = missing >= 0 && state.pairs[missing].pixel === null ? "in the picture" : "on the plan";
+  const missing = state.pairs.findIndex((pair) => !known(pair.pixel) || !known(pair.place));
+  const where = missing >= 0 && !known(state.pairs[missing].pixel) ? "in the picture" : "on the plan";
   say(missing < 0 ? "" : `Now the same place ${where} (pair ${missing + 1}).`);
   changed();
 }
@@ -80,7 +85,7 @@ function inside([u, v]) {
 }
 
 function complete() {
-  return state.pairs.filter((pair) => pair.pixel !== null && pair.place !== null);
+  return state.pairs.filter((pair) => known(pair.pixel) && known(pair.place));
 }
 
 function changed(again = true) {
@@ -103,7 +108,8 @@ async function attempt() {
     return changed(false);
   }
   try {
-    const order = { image_size: state.size, pairs, use_lens: state.lens };
+    const told = pairs.map(({ pixel, place }) => ({ pixel, place }));
+    const order = { image_size: state.size, pairs: told, use_lens: state.lens };
     const trial = await (await ask(`cameras/${state.camera}/calibration/try`, order)).json();
     if (number !== state.wanted) return;
     pairs.forEach((pair, index) => (pair.report = trial.pairs[index]));
@@ -124,36 +130,45 @@ function tell(lines, wrong = false) {
   page["setup-told"].classList.toggle("wrong", wrong);
 }
 
+// Rows are made once and filled again and again: what somebody is typing must not vanish when an answer comes.
 function list() {
-  const rows = state.pairs.map((pair, index) => {
-    const row = document.createElement("tr");
+  const rows = page["setup-pairs"].rows;
+  while (rows.length > state.pairs.length) page["setup-pairs"].deleteRow(-1);
+  while (rows.length < state.pairs.length) addRow(page["setup-pairs"].insertRow(), rows.length - 1);
+  state.pairs.forEach((pair, index) => {
     const report = pair.report;
-    row.classList.toggle("wrong", report?.used === false);
-    const cell = (content) => row.insertCell().append(content);
-    cell(`${index + 1}`);
-    const set = (what, axis) => (value) => {
-      const now = pair[what] ?? [0, 0];
-      if (value === null) pair[what] = null;
-      else pair[what] = axis === 0 ? [value, now[1]] : [now[0], value];
-      changed();
-    };
-    for (const [what, axis, name] of [["pixel", 0, "u"], ["pixel", 1, "v"], ["place", 0, "x"], ["place", 1, "y"]]) {
-      cell(numberInput(pair[what]?.[axis], `Pair ${index + 1}, ${name}`, set(what, axis)));
-    }
-    const off = report === undefined ? "–" : `${metres(report.off_metres)} / ${report.off_pixels === null ? "–" : `${report.off_pixels.toFixed(1)} px`}`;
-    cell(report?.used === false ? `${off}, wrong click?` : off);
-    cell(metres(report?.alone_metres));
-    cell(button("✕", `Remove pair ${index + 1}`, () => {
-      state.pairs.splice(index, 1);
-      changed();
-    }));
-    return row;
+    const pixels = report?.off_pixels === null ? "–" : `${report?.off_pixels.toFixed(1)} px`;
+    const off = report === undefined ? "–" : `${metres(report.off_metres)} / ${pixels}`;
+    rows[index].classList.toggle("wrong", report?.used === false);
+    [...rows[index].querySelectorAll("input")].forEach((input, column) => {
+      const value = (column < 2 ? pair.pixel : pair.place)?.[column % 2];
+      if (input !== document.activeElement) input.value = shownNumber(value);
+    });
+    rows[index].cells[5].textContent = report?.used === false ? `${off}, wrong click?` : off;
+    rows[index].cells[6].textContent = metres(report?.alone_metres);
   });
-  const focused = document.activeElement?.getAttribute("aria-label");
-  page["setup-pairs"].replaceChildren(...rows);
-  if (focused?.startsWith("Pair ")) page["setup-pairs"].querySelector(`[aria-label="${focused}"]`)?.focus();
   const corners = state.interest.length;
   page["setup-interest"].textContent = corners === 0 ? "The whole picture counts." : `${corners} corners${corners < 3 ? ": at least 3 are needed" : ""}.`;
+}
+
+function addRow(row, index) {
+  const cell = (content) => row.insertCell().append(content);
+  const set = (what, axis) => (value) => {
+    if (value === null) return list(); // an emptied field takes nothing back: remove the pair for that
+    const now = state.pairs[index][what] ?? [null, null];
+    state.pairs[index][what] = axis === 0 ? [value, now[1]] : [now[0], value];
+    changed();
+  };
+  cell(`${index + 1}`);
+  for (const [what, axis, name] of [["pixel", 0, "u"], ["pixel", 1, "v"], ["place", 0, "x"], ["place", 1, "y"]]) {
+    cell(numberInput(null, `Pair ${index + 1}, ${name}`, set(what, axis)));
+  }
+  row.insertCell();
+  row.insertCell();
+  cell(button("✕", `Remove pair ${index + 1}`, () => {
+    state.pairs.splice(index, 1);
+    changed();
+  }));
 }
 
 // --- pictures
@@ -195,7 +210,7 @@ function paintImage(context, view) {
   context.restore();
   if (mode() === "interest") return lens(context, view);
   state.pairs.forEach((pair, index) => {
-    if (pair.pixel === null) return;
+    if (!known(pair.pixel)) return;
     const wrong = pair.report?.used === false;
     if (pair.report?.shown) {
       context.strokeStyle = wrong ? ORANGE : BLUE;
@@ -203,7 +218,7 @@ function paintImage(context, view) {
       path(context, [at(pair.pixel), at(pair.report.shown)]);
       context.stroke();
     }
-    mark(context, at(pair.pixel), `${index + 1}`, { colour: wrong ? ORANGE : BLUE, wrong, chosen: pair.place === null });
+    mark(context, at(pair.pixel), `${index + 1}`, { colour: wrong ? ORANGE : BLUE, wrong, chosen: !known(pair.place) });
   });
   lens(context, view);
 }
@@ -229,7 +244,7 @@ function paintPlanSide(context, view) {
     mark(context, [x, y], state.camera, { colour: "#8a5d12" });
   }
   state.pairs.forEach((pair, index) => {
-    if (pair.place === null) return;
+    if (!known(pair.place)) return;
     const wrong = pair.report?.used === false;
     const at = view.toScreen(...pair.place);
     if (pair.report?.seen) {
@@ -238,7 +253,7 @@ function paintPlanSide(context, view) {
       path(context, [at, view.toScreen(...pair.report.seen)]);
       context.stroke();
     }
-    mark(context, at, `${index + 1}`, { colour: wrong ? ORANGE : BLUE, wrong, chosen: pair.pixel === null });
+    mark(context, at, `${index + 1}`, { colour: wrong ? ORANGE : BLUE, wrong, chosen: !known(pair.pixel) });
   });
 }
 
@@ -253,7 +268,7 @@ async function show(blob) {
 
 // Pairs that were read off at another size of the same picture.
 function rescale(size) {
-  const scaled = (pixel) => pixel && pixel.map((value, axis) => round(((value + 0.5) * size[axis]) / state.size[axis] - 0.5, 100));
+  const scaled = (pixel) => known(pixel) ? pixel.map((value, axis) => round(((value + 0.5) * size[axis]) / state.size[axis] - 0.5, 100)) : null;
   for (const pair of state.pairs) pair.pixel = scaled(pair.pixel);
   state.interest = state.interest.map(scaled);
 }

@@ -72,11 +72,15 @@ export function path(context, points) {
   points.forEach(([x, y], index) => (index === 0 ? context.moveTo(x, y) : context.lineTo(x, y)));
 }
 
+export function shownNumber(value) {
+  return value === null || value === undefined ? "" : String(Math.round(value * 1000) / 1000);
+}
+
 export function numberInput(value, label, changed, step = "any") {
   const input = document.createElement("input");
   input.type = "number";
   input.step = step;
-  input.value = value === null || value === undefined ? "" : String(Math.round(value * 1000) / 1000);
+  input.value = shownNumber(value);
   input.setAttribute("aria-label", label);
   input.addEventListener("change", () => {
     const given = input.value.trim() === "" ? null : Number(input.value);
