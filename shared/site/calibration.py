@@ -114,7 +114,7 @@ def _left_out(
             found.append(None)
             continue
         try:
-            found.append(CameraGeometry.fitted(image_size, image[others], plan[others], lens))
+            found.append(CameraGeometry.fitted(image_size, image[others], plan[others], lens, quick=True))
         except GeometryError:
             found.append(None)
     return found
@@ -130,7 +130,7 @@ def _suspect(
     """Return the pair without which all others agree as they do without no other, if there is one."""
     click = CLICK * math.hypot(*image_size)
     try:
-        together = _rms(CameraGeometry.fitted(image_size, image, plan, lens), image, plan)
+        together = _rms(CameraGeometry.fitted(image_size, image, plan, lens, quick=True), image, plan)
     except GeometryError:
         together = math.inf
     if together <= click:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from shared.site.pose_fit import fit_pose, focal_candidates
+from shared.site.pose_fit import PATIENCE, fit_pose, focal_candidates, focal_guesses
 
 __all__ = ["CameraGeometry", "GeometryError", "LensModel", "straightened"]
 
@@ -196,16 +196,25 @@ class CameraGeometry:
 
     @classmethod
     def fitted(
-        cls, image_size: tuple[int, int], image: Array, plan: Array, lens: LensModel | None = None
+        cls,
+        image_size: tuple[int, int],
+        image: Array,
+        plan: Array,
+        lens: LensModel | None = None,
+        *,
+        quick: bool = False,
     ) -> CameraGeometry:
         """Return the camera that fits best, however badly; arguments as for ``from_points``.
+
+        ``quick`` is for pairs that either fit or show soon that they do not: one start, a quarter of the patience.
 
         Raises:
             GeometryError: there is none at all.
         """
         if lens is None:
             centre, radial = _middle(image_size), (0.0, 0.0)
-            fit = fit_pose(plan, image - centre, focal_candidates(image_size[0]))
+            focals = focal_guesses(plan, image - centre, image_size[0]) if quick else focal_candidates(image_size[0])
+            fit = fit_pose(plan, image - centre, focals, patience=PATIENCE // 4 if quick else PATIENCE)
         else:
             centre, radial = lens.centre, lens.radial
             ideal = straightened((image - centre) / lens.focal, radial)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-__all__ = ["PoseFit", "fit_pose", "focal_candidates", "homography"]
+__all__ = ["PoseFit", "fit_pose", "focal_candidates", "focal_guesses", "homography"]
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,13 @@ class PoseFit:
     cost: float
 
 
-def fit_pose(plan: Array, image: Array, focals: Sequence[float], *, fixed: bool = False) -> PoseFit | None:
+PATIENCE = 800
+"""Evaluations of one fit, those of its derivatives included."""
+
+
+def fit_pose(
+    plan: Array, image: Array, focals: Sequence[float], *, fixed: bool = False, patience: int = PATIENCE
+) -> PoseFit | None:
     """Return the camera that sees floor points ``plan`` at ``image`` best, or None if none can be found.
 
     Args:
@@ -46,6 +52,7 @@ def fit_pose(plan: Array, image: Array, focals: Sequence[float], *, fixed: bool 
         image: (n, 2) undistorted pixels, counted from the principal point.
         focals: focal lengths to begin with, pixels; the fit is not convex in them.
         fixed: whether the focal length is known; the first of ``focals`` is it.
+        patience: evaluations after which a fit that still improves is taken as it is.
     """
     best: tuple[float, Array, float] | None = None
     for focal in focals[:1] if fixed else focals:
@@ -54,7 +61,7 @@ def fit_pose(plan: Array, image: Array, focals: Sequence[float], *, fixed: bool 
             start = pose if fixed else np.concatenate([pose, [math.log(focal)]])
             known = focal if fixed else None
             fit = least_squares(
-                _reprojection, start, args=(plan, image, known), method="lm", x_scale="jac", max_nfev=800
+                _reprojection, start, args=(plan, image, known), method="lm", x_scale="jac", max_nfev=patience
             )
         except (np.linalg.LinAlgError, ValueError):
             continue  # from here the points make no camera; another start may
@@ -69,6 +76,26 @@ def fit_pose(plan: Array, image: Array, focals: Sequence[float], *, fixed: bool 
 def focal_candidates(width: int) -> list[float]:
     """Return start values, pixels, from a very wide (110 degrees) to a narrow (15 degrees) lens."""
     return [width / 2.0 / math.tan(math.radians(fov) / 2.0) for fov in (110, 80, 55, 35, 15)]
+
+
+def focal_guesses(plan: Array, image: Array, width: int) -> list[float]:
+    """Return start values from the floor's homography alone, for pairs that are nearly right.
+
+    The plan's axes are at right angles and of one scale [Hartley & Zisserman, §8.8]: two equations for one unknown.
+
+    Args:
+        plan: (n, 2) metres.
+        image: (n, 2) pixels from the principal point.
+        width: of the picture, pixels.
+    """
+    (a, b), (c, d), (e, f) = homography(plan, image)[:, :2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = np.array([-(a * b + c * d) / (e * f), (a * a + c * c - b * b - d * d) / (f * f - e * e)])
+    least, most = (width / 2.0 / math.tan(math.radians(fov) / 2.0) for fov in (120, 10))
+    told = np.sqrt(squares[np.isfinite(squares) & (squares > 0.0)])
+    told = told[(told > least) & (told < most)]
+    usual = focal_candidates(width)[2]
+    return [float(np.median(told))] if len(told) else [usual]
 
 
 def homography(source: Array, target: Array) -> Array:

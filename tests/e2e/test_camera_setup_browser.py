@@ -212,8 +212,8 @@ def test_four_corners_of_a_known_rectangle_are_enough_and_nonsense_is_told_in_wo
     told = wait_until(lambda: _trial(browser, 4), 20, "a camera of four corners")
     assert told["median_metres"] < 0.1
     _told(browser, "With 4 pairs a wrong click bends everything unseen")
-    _type(browser, "Pair 2, x", -12.0)
-    _type(browser, "Pair 4, x", -4.0)
+    for label, value in (("2, x", -12.0), ("2, y", -2.0), ("4, x", -4.0), ("4, y", -8.0)):
+        _type(browser, f"Pair {label}", value)
     _told(browser, "mirrored")
 
 
