@@ -46,7 +46,7 @@ class System:
 
 @dataclass
 class Feet:
-    """Where people of the clip stand: ``pixels`` (n, 2) of the small picture, ``plan`` (n, 2) metres, ``frame`` (n,)."""
+    """Where people of the clip stand: ``pixels`` (n, 2) of the small picture, ``plan`` (n, 2) metres, ``frame``."""
 
     pixels: NDArray[np.float64]
     plan: NDArray[np.float64]
