@@ -15,6 +15,7 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import RedirectResponse, Response, StreamingResponse
 
 from services.api.auth import Guard, KeyRing
+from services.api.calibration_routes import calibration_routes
 from services.api.hot_reads import HotReads
 from services.api.learning_link import LearningLink
 from services.api.learning_maps import learning_maps
@@ -65,6 +66,7 @@ def create_app(
     health: Callable[[float], HealthReport],
     learning: LearningLink,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
+    ask: Callable[[str, float, bytes | None], bytes | None] = lambda *_: None,
 ) -> FastAPI:
     """Return the application.
 
@@ -77,6 +79,7 @@ def create_app(
         health: makes the health report of one moment.
         learning: asks the learning service.
         lifespan: runs around the life of the server.
+        ask: sends a query over the bus: key, seconds to wait, payload; None where nobody answers.
     """
     sources: dict[str, Callable[[float], bytes]] = {
         "/v1/positions": live.positions_json,
@@ -99,6 +102,7 @@ def create_app(
     app.include_router(_stream(site, live, hub))
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
+    app.include_router(calibration_routes(site, settings.site_file, ask, learning))
 
     @app.get("/", include_in_schema=False)
     async def root() -> RedirectResponse:

@@ -32,6 +32,7 @@ SCOPES: dict[str, Scope] = {
     "zones": "site",
     "site": "site",
     "cameras": "site",
+    "access-points": "site",
     "health": "health",
     "learning": "learning",
 }

@@ -87,6 +87,7 @@ class ApiService(Service[ApiSettings]):
             self._health_report,
             self._learning,
             self._lifespan,
+            self._ask_once,
         )
         serve(app, self.settings.api_host, self.settings.api_port, self.stopping)
 

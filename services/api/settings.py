@@ -14,11 +14,14 @@ __all__ = ["ALL_SCOPES", "DEMO_KEY", "READ_SCOPES", "ApiKey", "ApiSettings", "Sc
 
 DEMO_KEY = "demo-api-key"
 
-Scope = Literal["positions", "alerts", "site", "health", "learning", "learning-admin"]
+Scope = Literal["positions", "alerts", "site", "health", "learning", "learning-admin", "stills", "setup"]
 """What a key may read: positions and tracks; alerts; the site, its zones and cameras; health; what is learned. And what
-it may do: ``learning-admin`` rolls models back, freezes learning, takes models out and brings them in."""
+it may do: ``learning-admin`` rolls models back, freezes learning, takes models out and brings them in; ``stills`` sees
+pictures of cameras; ``setup`` saves calibrations and places of access points."""
 ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
-READ_SCOPES: tuple[Scope, ...] = tuple(scope for scope in ALL_SCOPES if scope != "learning-admin")
+NAMED_SCOPES: frozenset[Scope] = frozenset({"learning-admin", "stills", "setup"})
+"""What a key has only if it names it."""
+READ_SCOPES: tuple[Scope, ...] = tuple(scope for scope in ALL_SCOPES if scope not in NAMED_SCOPES)
 
 
 class ApiKey(BaseModel):

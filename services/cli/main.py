@@ -18,9 +18,10 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from services.cli import calibrate_lens as lens_command
 from services.cli import models
 from services.cli import replay as player
-from services.cli.demo import API_KEY, Demo, Ports, find_site
+from services.cli.demo import API_KEY, Demo, Ports, SetupWatch, find_site
 from services.cli.launcher import LauncherError
 from services.cli.recorder import record as record_bus
 from services.cli.recording import Recording, RecordingError, check_writable
@@ -29,6 +30,7 @@ from shared.radio import RadioModelError
 from shared.runner import ServiceError
 from shared.settings import DEFAULT_ENDPOINT
 from shared.site import SiteError, load_site
+from shared.site.setup_file import read_setup, setup_path
 
 __all__ = ["app", "main"]
 
@@ -229,6 +231,17 @@ def migrate() -> None:
     console.print("databases are up to date")
 
 
+@app.command("calibrate-lens")
+def calibrate_lens(
+    clip: Annotated[Path, typer.Argument(help="a video in which a checkerboard is moved through the whole picture")],
+    board: Annotated[str, typer.Option(help="its inner corners across and down: squares less one")] = "9x6",
+    site: Annotated[str | None, typer.Option(help="keep the lens beside this site file, with --camera")] = None,
+    camera: Annotated[str | None, typer.Option(help="the camera whose lens it is")] = None,
+) -> None:
+    """Find out how a camera's lens bends straight lines, before calibrating the camera in the browser."""
+    raise typer.Exit(lens_command.calibrate_lens(clip, board, site, camera, console))
+
+
 @app.command("site")
 def check_site(site: Annotated[str, typer.Argument(help="a shipped site's name, a site file, or its folder")]) -> None:
     """Check a site file and say what is in it."""
@@ -247,6 +260,10 @@ def check_site(site: Annotated[str, typer.Argument(help="a shipped site's name, 
             f"  camera {camera.id}: area {camera.area}, hangs at ({x:.1f}, {y:.1f}, {z:.1f}) m, {camera.source}"
         )
     console.print(f"  {len(found.access_points)} access points, {len(found.zones)} zones")
+    setup = read_setup(path)
+    if setup is not None:
+        over = [*setup.cameras, *setup.access_points]
+        console.print(f"  {setup_path(path).name}, version {setup.version}, goes over the file for {', '.join(over)}")
     nowhere = [point.id for point in found.access_points if point.position is None]
     if nowhere:
         console.print(f"  no position yet, to be found by learning: {', '.join(nowhere)}")
@@ -309,10 +326,13 @@ def _introduce(running: Demo, dashboard: bool) -> None:
 def _watch(running: Demo, stopping: threading.Event, seconds: float | None) -> None:
     """Keep the processes running and say now and then how it goes."""
     end = None if seconds is None else time.monotonic() + seconds
+    setup = SetupWatch(running.site_file)
     next_word = time.monotonic() + 5.0
     with console.status("waiting for the first tracks …") as line:
         while not stopping.wait(0.2) and (end is None or time.monotonic() < end):
             running.launcher.keep_running()
+            if setup.changed():
+                running.start_again()
             if time.monotonic() < next_word:
                 continue
             next_word = time.monotonic() + 2.0

@@ -6,7 +6,12 @@ from nicegui import ui
 
 __all__ = ["header"]
 
-PAGES = {"map": ("/", "Live map"), "learning": ("/learning", "Learning")}
+PAGES = {
+    "map": ("/", "Live map"),
+    "learning": ("/learning", "Learning"),
+    "camera-setup": ("/camera-setup", "Cameras"),
+    "access-points": ("/access-points", "Access points"),
+}
 
 
 def header(title: str, can_sign_out: bool, here: str) -> None:

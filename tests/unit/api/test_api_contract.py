@@ -77,7 +77,7 @@ def test_keys_are_read_in_every_documented_form(project: Path, monkeypatch: pyte
     assert scopes(one, "a-long-secret-key-1") == {"positions"}
     assert scopes(one, "a-long-secret-key-2") is None
     assert scopes(one, "a-long-secret-key-") is None
-    assert scopes("demo-api-key", "demo-api-key") == {*everything, "learning-admin"}
+    assert scopes("demo-api-key", "demo-api-key") == {*everything, "learning-admin", "stills", "setup"}
 
 
 @pytest.mark.parametrize("keys", ["demo-api-key", "short-key", '["a-long-secret-key-1", "demo-api-key"]'])
