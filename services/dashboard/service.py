@@ -7,6 +7,7 @@ from typing import ClassVar
 from services.dashboard.learning_client import LearningClient
 from services.dashboard.learning_page import add_learning_page
 from services.dashboard.page import add_page
+from services.dashboard.pass_through import pass_through
 from services.dashboard.relay import Relay
 from services.dashboard.sessions import AttemptLimit, Sessions
 from services.dashboard.settings import DashboardSettings
@@ -49,6 +50,7 @@ class DashboardService(Service[DashboardSettings]):
             settings.dashboard_password.get_secret_value(), settings.api_key.get_secret_value(), settings.session_hours
         )
         app = build_web_app(self._relay, sessions, AttemptLimit(), started=self.health.ready.set)
+        app.include_router(pass_through(settings.api_url, settings.api_key.get_secret_value()))
         title, can_sign_out = self.site.name or self.site.site, not sessions.open
         learning = LearningClient(settings.api_url, settings.api_key.get_secret_value())
         add_learning_page(learning, title, can_sign_out, self._access_points())
