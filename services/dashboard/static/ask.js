@@ -10,7 +10,8 @@ export class Refusal extends Error {
   }
 }
 
-export async function ask(path, { method = "GET", body = undefined, signal = undefined, query = {} } = {}) {
+// `ifMatch`: the ETag that what is changed must still have; empty: whatever it has.
+export async function ask(path, { method = "GET", body = undefined, signal = undefined, query = {}, ifMatch = "" } = {}) {
   const wished = Object.entries(query).filter(([, value]) => value !== null && value !== undefined && value !== "");
   const search = new URLSearchParams(wished).toString();
   let answer;
@@ -18,7 +19,10 @@ export async function ask(path, { method = "GET", body = undefined, signal = und
     answer = await fetch(`/ask/v1/${path}${search ? `?${search}` : ""}`, {
       method,
       signal,
-      headers: body === undefined ? {} : { "Content-Type": "application/json" },
+      headers: {
+        ...(body === undefined ? {} : { "Content-Type": "application/json" }),
+        ...(ifMatch === "" ? {} : { "If-Match": ifMatch }),
+      },
       body: body === undefined ? undefined : JSON.stringify(body),
     });
   } catch (error) {

@@ -1,7 +1,8 @@
 // The lists beside the map: alerts, located phones, cameras. Rows are rebuilt only when what they say has changed.
 
 import { inWords } from "./alert_words.js";
-import { sentence, spoken } from "./dom.js";
+import { cameraInWords } from "./camera_words.js";
+import { spoken } from "./dom.js";
 
 const ALERTS_SHOWN = 50;
 const LOST_AFTER_MS = 3000;
@@ -144,24 +145,6 @@ export class Panels {
       item.append(build(row));
       return item;
     }));
-  }
-}
-
-function cameraInWords(camera) {
-  const reason = camera?.reason ? `: ${camera.reason}` : "";
-  switch (camera?.state) {
-    case "ok": {
-      const rate = camera.frames_per_s ? `, ${Math.round(camera.frames_per_s)} pictures a second` : "";
-      return { light: "good", words: `Working${rate}` };
-    }
-    case "starting":
-      return { light: "wait", words: `Starting${reason}` };
-    case "degraded":
-      return { light: "bad", words: camera.reason ? sentence(camera.reason) : "Has a problem" };
-    case "ended":
-      return { light: "off", words: camera.reason ? sentence(camera.reason) : "Its recording has ended" };
-    default:
-      return { light: "off", words: "Not heard of yet" };
   }
 }
 

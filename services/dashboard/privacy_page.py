@@ -1,0 +1,53 @@
+"""The page at ``/privacy``: what is known of people, for how long, and how it ends. Its life: ``static/privacy.js``."""
+
+from __future__ import annotations
+
+from services.dashboard.module_page import add_module_page
+
+__all__ = ["add_privacy_page"]
+
+
+def add_privacy_page(title: str, can_sign_out: bool) -> None:
+    """Serve the page."""
+    add_module_page("/privacy", "privacy", "Privacy", _BODY, title, can_sign_out)
+
+
+_BODY = """
+<section class="card" aria-labelledby="one-heading">
+  <h2 id="one-heading">What is known of one phone</h2>
+  <p class="quiet">For a visitor who asks: the id stands in their app.</p>
+  <form id="privacy-form" class="controls">
+    <label>Phone's id <input id="privacy-device" type="text" autocomplete="off" spellcheck="false" maxlength="64"
+      required></label>
+    <button type="submit" class="primary">Look up</button>
+  </form>
+  <div id="privacy-answer" role="status"></div>
+</section>
+<section class="card" aria-labelledby="erase-heading">
+  <h2 id="erase-heading">Consent, and how it ends</h2>
+  <p>Nobody's phone is located without their consent, which they give in the app to the text of
+    <code>ATRIUM_CONSENT_FILE</code>. They take it back in the app, with “Withdraw”, or with the token of their phone:
+    <code>DELETE /v1/devices/ID</code> at the gateway, until 30 days after the token's end.</p>
+  <p>Then its tokens die at once, and every store is told to forget the phone; what cameras saw stays, without a name.
+    Staff cannot do it for somebody: the gateway takes the visitor's own word only.</p>
+</section>
+<section class="card wide" aria-labelledby="kept-heading">
+  <h2 id="kept-heading">What is kept, and for how long</h2>
+  <div class="scroll"><table>
+    <thead><tr><th scope="col">What</th><th scope="col">How long</th><th scope="col">Setting</th></tr></thead>
+    <tbody>
+      <tr><th scope="row">Pictures</th>
+        <td>in the camera's own memory, 5 minutes, shrunk; never on a disk or the bus</td>
+        <td><code>ATRIUM_RING_MINUTES</code></td></tr>
+      <tr><th scope="row">Where everybody is now</th><td>10 seconds after they were last seen</td>
+        <td><code>ATRIUM_TRACKS_KEPT</code></td></tr>
+      <tr><th scope="row">Where a phone was last</th><td>2 minutes</td><td><code>ATRIUM_POSITIONS_KEPT</code></td></tr>
+      <tr><th scope="row">Alerts</th><td>the newest 10 000</td><td><code>ATRIUM_ALERTS_KEPT</code></td></tr>
+      <tr><th scope="row">Heat maps and visits</th>
+        <td>never of fewer than five people in a cell, at a zone, on a way</td>
+        <td>none: always so</td></tr>
+    </tbody>
+  </table></div>
+  <p class="quiet">These are the defaults; what this site has set stands in each service's log at its start.</p>
+</section>
+"""
