@@ -26,7 +26,7 @@ _BODY = """
 <section class="card" aria-labelledby="erase-heading">
   <h2 id="erase-heading">Consent, and how it ends</h2>
   <p>Nobody's phone is located without their consent, which they give in the app to the text of
-    <code>ATRIUM_CONSENT_FILE</code>. They take it back in the app, with “Withdraw”, or with the token of their phone:
+    <code>ATRIUM_CONSENT_FILE</code>. They take it back in the app, or with the token of their phone:
     <code>DELETE /v1/devices/ID</code> at the gateway, until 30 days after the token's end.</p>
   <p>Then its tokens die at once, and every store is told to forget the phone; what cameras saw stays, without a name.
     Staff cannot do it for somebody: the gateway takes the visitor's own word only.</p>
@@ -37,8 +37,8 @@ _BODY = """
     <thead><tr><th scope="col">What</th><th scope="col">How long</th><th scope="col">Setting</th></tr></thead>
     <tbody>
       <tr><th scope="row">Pictures</th>
-        <td>in the camera's own memory, 5 minutes, shrunk; never on a disk or the bus</td>
-        <td><code>ATRIUM_RING_MINUTES</code></td></tr>
+        <td>in the camera's own memory, 5 minutes, shrunk; on no disk, unless one is set for the empty scene</td>
+        <td><code>ATRIUM_RING_MINUTES</code>, <code>ATRIUM_SCENE_FILE</code></td></tr>
       <tr><th scope="row">Where everybody is now</th><td>10 seconds after they were last seen</td>
         <td><code>ATRIUM_TRACKS_KEPT</code></td></tr>
       <tr><th scope="row">Where a phone was last</th><td>2 minutes</td><td><code>ATRIUM_POSITIONS_KEPT</code></td></tr>

@@ -322,15 +322,17 @@ def _found(browser: WebDriver, selector: str) -> Any:
 
 
 def _shown(browser: WebDriver, selector: str) -> Any:
-    return next((one for one in browser.find_elements(By.CSS_SELECTOR, selector) if one.is_displayed()), None)
+    # In one go: between two questions the page may have built it anew.
+    script = "return [...document.querySelectorAll(arguments[0])].find((one) => one.checkVisibility())"
+    return browser.execute_script(script, selector)
 
 
 def _button(browser: WebDriver, text: str) -> Any:
-    def visible() -> Any:
-        wanted = f"//button[normalize-space(.)='{text}' or ./strong[text()='{text}']]"
-        return next((one for one in browser.find_elements(By.XPATH, wanted) if one.is_displayed()), None)
-
-    return wait_until(visible, 10, f"the button {text}")
+    script = """
+    const says = (one) => [one.textContent.trim(), one.querySelector("strong")?.textContent].includes(arguments[0]);
+    return [...document.querySelectorAll("button")].find((one) => one.checkVisibility() && says(one));
+    """
+    return wait_until(lambda: browser.execute_script(script, text), 10, f"the button {text}")
 
 
 def _text(browser: WebDriver) -> str:
