@@ -123,6 +123,23 @@ def test_what_the_api_refuses_is_told_beside_the_field_and_nothing_is_lost(
     wait_until(lambda: len(double.zones["model-corner"]["rules"]) == 1, 5, "the rule at the API")
 
 
+def test_a_limit_that_means_nothing_is_told_before_anything_is_sent(
+    system: tuple[str, Double], browser: WebDriver
+) -> None:
+    url, double = system
+    _open_zones(url, browser)
+    _button(browser, "Around the model").click()
+    _button(browser, "Add a rule").click()
+    number = len(browser.find_elements(By.CSS_SELECTOR, ".rule")) - 1
+    Select(browser.find_element(By.ID, f"rule-{number}-kind")).select_by_value("speed")
+    browser.find_element(By.ID, f"rule-{number}-limit").clear()
+    before = [line for line in double.asked if line.startswith("PUT")]
+    _button(browser, "Save").click()
+    wait_until(lambda: _shown(browser, f"[data-for='rules[{number}].limit']"), 5, "the problem at the limit")
+    assert [line for line in double.asked if line.startswith("PUT")] == before
+    _button(browser, "Discard changes").click()
+
+
 def test_a_crossed_outline_cannot_be_saved(system: tuple[str, Double], browser: WebDriver) -> None:
     url, _ = system
     _open_zones(url, browser)

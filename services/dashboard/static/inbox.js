@@ -6,7 +6,7 @@ import { appeared, count, element, spoken, timeOf } from "./dom.js";
 import { Identities } from "./identities.js";
 
 const PAGE = 100;
-const EVERY_MS = 5000; // others acknowledge, too
+const EVERY_MS = 5000; // an event may be missed
 const SOON_MS = 250; // several alerts at once are asked for once
 
 const page = await appeared(["inbox-state", "inbox-kind", "inbox-zone", "inbox-since", "inbox-rows", "inbox-more", "inbox-count", "inbox-problem"]);
@@ -131,10 +131,12 @@ function write(id) {
 
 function listen() {
   const source = new EventSource("/live");
-  source.addEventListener("alert", () => {
-    clearTimeout(state.due);
-    state.due = setTimeout(refresh, SOON_MS);
-  });
+  for (const name of ["alert", "acknowledged"]) {
+    source.addEventListener(name, () => {
+      clearTimeout(state.due);
+      state.due = setTimeout(refresh, SOON_MS);
+    });
+  }
   source.onerror = () => {
     if (source.readyState === EventSource.CLOSED) setTimeout(listen, EVERY_MS);
   };

@@ -168,9 +168,7 @@ function draw(now) {
   context.drawImage(ground.picture(view, ratio, site, floor, layers), 0, 0, view.width, view.height);
   if (layers.zones) paintZones(context, view, zonesOn(floor.id), now);
   const here = people.filter((person) => person.floor === floor.id);
-  if (layers.trails) {
-    context.drawImage(trails.picture(view, ratio, floor, here, identities, now), 0, 0, view.width, view.height);
-  }
+  if (layers.trails) trails.draw(context, view, ratio, floor, here, identities, now);
   paintPeople(context, view, here, identities, layers, (person) => (
     evidence.is(person) || (state.chosen !== null && person.device === state.chosen)
   ));

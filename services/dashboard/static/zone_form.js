@@ -54,6 +54,23 @@ export class ZoneForm {
     this.#form.querySelector(".discard").disabled = !this.#draft.changed;
   }
 
+  // Whether all fields hold what they may; the first that does not is told, and in focus.
+  check() {
+    for (const input of this.#form.querySelectorAll("input")) {
+      const { badInput, patternMismatch, rangeOverflow, rangeUnderflow, valueMissing } = input.validity;
+      const wrong = badInput || patternMismatch || rangeOverflow || rangeUnderflow || valueMissing;
+      const problem = input.closest(".field")?.querySelector(".problem");
+      if (!wrong || !problem) continue;
+      problem.textContent = patternMismatch ? input.title : input.validationMessage;
+      problem.hidden = false;
+      input.setAttribute("aria-invalid", "true");
+      input.closest("details")?.setAttribute("open", "");
+      input.focus();
+      return false;
+    }
+    return true;
+  }
+
   #parts() {
     const draft = this.#draft;
     const { zone } = draft;
@@ -64,7 +81,7 @@ export class ZoneForm {
     }));
     const id = field("Id", "id", element("input", {
       id: "zone-id", type: "text", maxlength: "64", value: zone.id, autocomplete: "off", readonly: draft.fresh ? null : "",
-      title: draft.fresh ? "Letters, digits, . _ and -; stays as it is once saved" : "Stays as it is once saved",
+      required: true, pattern: "[A-Za-z0-9][A-Za-z0-9_.\\-]*", title: "Letters, digits, . _ and -; stays as it is once saved",
       oninput: (event) => this.#change((now) => (now.id = event.target.value), "id"),
     }));
     return [

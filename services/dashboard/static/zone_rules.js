@@ -43,7 +43,7 @@ export function ruleForm(rule, number, shape, change, remove) {
   const limit = LIMITS[rule.kind];
   if (limit !== undefined) {
     rows.push(field(limit.label, `${at}.limit`, number_(id("limit"), rule.limit, limit.step,
-      (value) => change((now) => (now.limit = value), `${at}.limit`)), limit.unit));
+      (value) => change((now) => (now.limit = value), `${at}.limit`), limit.step), limit.unit));
   }
   if (rule.kind === "cross") {
     rows.push(field("Direction", `${at}.direction`, choice(id("direction"), Object.entries(DIRECTIONS), rule.direction ?? "both",
@@ -112,7 +112,7 @@ function choice(id, options, value, chosen) {
 }
 
 function number_(id, value, step, typed, least = "0", most = null) {
-  return element("input", { id, type: "number", step, min: least, max: most, value: value === null || value === undefined ? "" : String(value),
+  return element("input", { id, type: "number", step, min: least, max: most, required: true, value: value === null || value === undefined ? "" : String(value),
     oninput: (event) => typed(Number.isFinite(event.target.valueAsNumber) ? event.target.valueAsNumber : null) });
 }
 

@@ -129,6 +129,7 @@ function drawn(shape, points) {
 async function save() {
   const { draft } = state;
   const { zone, fresh, etag } = draft;
+  if (!form.check()) return;
   // A name is what people see; the id follows it unless somebody chose one.
   if (fresh && /^new-(area|line)/.test(zone.id) && zone.name !== "") {
     draft.change((now) => (now.id = idFor(now.name, state.zones.map((one) => one.id))));
