@@ -178,8 +178,15 @@ def _app(double: Double, stopping: threading.Event) -> FastAPI:
     async def heatmap(floor: str, since: float, until: float, cell: float) -> Response:
         return _json(_heat(floor, cell))
 
+    @app.get("/v1/exhibits")
+    async def exhibits() -> Response:
+        return _json({"t": time.time(), "exhibits": [{"id": "model", "name": "The model"}]})
+
     @app.get("/v1/dwell")
-    async def dwell(since: float, until: float) -> Response:
+    async def dwell(since: float, until: float, at: str = "zones") -> Response:
+        if at == "exhibits":
+            row = {"id": "model", "people": 77, "visits": 90, "mean": 61.0, "median": 40.0, "p90": 170.0}
+            return _json({"since": since, "until": until, "places": [row]})
         rows = [
             {"id": "entrance", "people": 412, "visits": 530, "mean": 48.0, "median": 22.0, "p90": 130.0},
             {"id": "model-corner", "people": None, "visits": None, "mean": None, "median": None, "p90": None},
@@ -197,6 +204,11 @@ def _app(double: Double, stopping: threading.Event) -> FastAPI:
         most = [None if value is None else round(value) + 3 for value in people]
         places = [{"id": name, "people": people, "most": most, "phones": people} for name in double.zones]
         return _json({"time_zone": "UTC", "t": t, "places": places})
+
+    @app.get("/v1/erasures")
+    async def erasures() -> Response:
+        row = {"device": "d-0badc0ffee1", "t": time.time() - 60, "waiting": ["learning"]}
+        return _json({"t": time.time(), "erasures": [row | {"done": [{"service": "history", "t": time.time()}]}]})
 
     @app.get("/v1/stream")
     async def stream() -> StreamingResponse:

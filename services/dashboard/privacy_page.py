@@ -31,6 +31,10 @@ _BODY = """
   <p>Then its tokens die at once, and every store is told to forget the phone; what cameras saw stays, without a name.
     Staff cannot do it for somebody: the gateway takes the visitor's own word only.</p>
 </section>
+<section class="card wide" aria-labelledby="gone-heading">
+  <h2 id="gone-heading">Consents taken back <span class="count">and which stores have nothing of the phone</span></h2>
+  <div id="privacy-erasures" class="scroll"><p class="empty">Asking…</p></div>
+</section>
 <section class="card wide" aria-labelledby="kept-heading">
   <h2 id="kept-heading">What is kept, and for how long</h2>
   <div class="scroll"><table>
@@ -42,7 +46,13 @@ _BODY = """
       <tr><th scope="row">Where everybody is now</th><td>10 seconds after they were last seen</td>
         <td><code>ATRIUM_TRACKS_KEPT</code></td></tr>
       <tr><th scope="row">Where a phone was last</th><td>2 minutes</td><td><code>ATRIUM_POSITIONS_KEPT</code></td></tr>
-      <tr><th scope="row">Alerts</th><td>the newest 10 000</td><td><code>ATRIUM_ALERTS_KEPT</code></td></tr>
+      <tr><th scope="row">Where phones were</th><td>30 days</td><td><code>ATRIUM_HISTORY_PHONE_DAYS</code></td></tr>
+      <tr><th scope="row">Where people without names were</th><td>90 days</td>
+        <td><code>ATRIUM_HISTORY_PEOPLE_DAYS</code></td></tr>
+      <tr><th scope="row">Alerts</th><td>90 days in history; the newest in the inbox</td>
+        <td><code>ATRIUM_HISTORY_ALERT_DAYS</code>, <code>ATRIUM_ALERTS_KEPT</code></td></tr>
+      <tr><th scope="row">How many people were where</th><td>two years, by the minute</td>
+        <td><code>ATRIUM_HISTORY_COUNT_DAYS</code></td></tr>
       <tr><th scope="row">Heat maps and visits</th>
         <td>never of fewer than five people in a cell, at a zone, on a way</td>
         <td>none: always so</td></tr>

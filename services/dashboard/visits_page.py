@@ -31,6 +31,9 @@ _CONTROLS = """
     <label>Cells of <select id="visits-cell">
       <option value="0.5">0.5 m</option><option value="1">1 m</option><option value="2">2 m</option>
     </select></label>
+    <label>Stays and ways at <select id="visits-at">
+      <option value="zones">zones</option><option value="exhibits">exhibits</option>
+    </select></label>
     <span id="visits-told" class="quiet" role="status"></span>
   </div>
 </section>
@@ -39,8 +42,8 @@ _CONTROLS = """
 _CARDS = (
     ("heat", "Where people stay", "Time that all people together spent in each cell.", "wide"),
     ("occupancy", "How many people", "In each zone, in the mean of each step.", "wide"),
-    ("dwell", "How long they stay", "Visits to each zone; half of them are shorter than the median.", ""),
-    ("flows", "Where they go next", "How often people went from the zone of the row to that of the column.", ""),
+    ("dwell", "How long they stay", "Visits to each place; half of them are shorter than the median.", ""),
+    ("flows", "Where they go next", "How often people went from the place of the row to that of the column.", ""),
 )
 
 

@@ -174,6 +174,10 @@ def test_an_alert_arrives_by_itself_and_is_acknowledged_once(
     assert "A school class <b>" in _alerts(browser)[1]
     Select(browser.find_element(By.ID, "inbox-kind")).select_by_value("exit")
     wait_until(lambda: len(_alerts(browser)) == 1 and "left Entrance" in _alerts(browser)[0], 5, "the filter")
+    browser.find_element(By.LINK_TEXT, "Where?").click()
+    middle = "const c = document.getElementById('atrium-canvas'); return [c.clientWidth / 2, c.clientHeight / 2]"
+    there = "return window.atrium?.floor ? atrium.toScreen(10, 1.2) : null"
+    wait_until(lambda: browser.execute_script(there) == browser.execute_script(middle), 20, "the place on the map")
 
 
 def test_the_heat_map_is_drawn_and_saved_as_picture_and_numbers(
@@ -201,6 +205,8 @@ def test_the_heat_map_is_drawn_and_saved_as_picture_and_numbers(
     assert any(line.endswith(",,") for line in lines)  # what is not told is told to nobody
     for words in ("fewer than 5 people", "412", "Around the model"):
         assert words in _text(browser)
+    Select(browser.find_element(By.ID, "visits-at")).select_by_value("exhibits")
+    wait_until(lambda: "The model" in browser.find_element(By.ID, "dwell-table").text, 10, "stays at the exhibit")
     assert _severe(browser) == []
 
 
@@ -250,6 +256,9 @@ def test_a_visitor_who_asks_is_told_what_is_known(system: tuple[str, Double], br
     wait_until(lambda: _found(browser, "#privacy-device"), 20, "the form").send_keys(str(DEVICES[0]) + Key.ENTER)
     wait_until(lambda: "Now: on floor ground" in _text(browser), 10, "the place")
     assert "Phone 1b07 entered Entrance" in _text(browser)
+    withdrawn = browser.find_element(By.ID, "privacy-erasures").text
+    for words in ("Phone fee1", "history", "learning"):
+        assert words in withdrawn
 
 
 @pytest.mark.parametrize("path", ["/", "/alerts", "/visits", "/zones", "/health", "/privacy"])
@@ -281,7 +290,7 @@ const sum = (rgb) => rgb.reduce((a, b) => a + b, 0);
 for (let y = 0; y < height - 70; y += 2) for (let x = 0; x < width; x += 2) {
   const rgb = at(x, y);
   if (rgb[2] > rgb[0] && sum(rgb) < sum(darkest) && rgb[0] !== 74) darkest = rgb;
-  striped ||= rgb.join() === "236,239,242";
+  striped ||= rgb.join() === "244,246,248";
 }
 return [darkest, striped, at(Math.round(width * 0.1), Math.round(height * 0.5))];
 """

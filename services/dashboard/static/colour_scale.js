@@ -22,10 +22,10 @@ export function hatch(context) {
   const tile = document.createElement("canvas");
   tile.width = tile.height = 8;
   const pen = tile.getContext("2d");
-  pen.fillStyle = "#eceff2";
+  pen.fillStyle = "#f4f6f8";
   pen.fillRect(0, 0, 8, 8);
-  pen.strokeStyle = "#9aa4b0";
-  pen.lineWidth = 1.2;
+  pen.strokeStyle = "#c3cad3";
+  pen.lineWidth = 1;
   pen.beginPath();
   for (const from of [-8, 0, 8]) {
     pen.moveTo(from, 8);

@@ -90,12 +90,17 @@ function row(alert, key, open) {
   dot.style.background = identities.colourOf(alert.device);
   const end = alert.acknowledged ? element("span", { class: "seen" }, `✓ ${alert.acknowledged.by}, ${spoken(alert.acknowledged.at)}`)
     : open ? null : element("button", { type: "button", "aria-label": `Acknowledge: ${who} ${did}`, onclick: () => write(alert.id) }, "Acknowledge");
-  const item = element("li", {}, element("div", { class: "what" }, dot, timeOf(alert.t), element("span", { class: "words" }, element("strong", {}, who), ` ${did}`), end));
+  const item = element("li", {}, element("div", { class: "what" }, dot, timeOf(alert.t), element("span", { class: "words" }, element("strong", {}, who), ` ${did}`),
+    element("a", { href: placeOf(alert), title: "Show the place on the live map" }, "Where?"), end));
   item.dataset.key = key;
   item.dataset.id = alert.id;
   if (alert.acknowledged?.note) item.append(element("p", { class: "note" }, alert.acknowledged.note));
   if (open) item.append(noteForm(alert));
   return item;
+}
+
+function placeOf({ floor, x, y }) {
+  return `/#${new URLSearchParams({ floor, x, y })}`;
 }
 
 function noteForm(alert) {

@@ -90,6 +90,7 @@ function takeSite(site) {
   chooseFloor(site.floors.some((floor) => floor.id === wished) ? wished : site.floors[0].id);
   select.parentElement.hidden = site.floors.length < 2;
   panels.site(site);
+  goToHash();
 }
 
 function chooseFloor(id) {
@@ -113,6 +114,15 @@ function goTo(floor, x, y) {
   chooseFloor(floor);
   view.centre(x, y);
   state.marker = { floor, x, y, since: performance.now() };
+}
+
+// "/#floor=ground&x=9&y=1" shows that place: the inbox sends people here.
+function goToHash() {
+  const wished = new URLSearchParams(window.location.hash.slice(1));
+  const [x, y] = ["x", "y"].map((axis) => Number.parseFloat(wished.get(axis)));
+  if (!Number.isFinite(x) || !Number.isFinite(y)) return;
+  history.replaceState(null, "", window.location.pathname);
+  goTo(wished.get("floor"), x, y);
 }
 
 function camerasOn(floor) {

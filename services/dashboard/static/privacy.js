@@ -1,4 +1,4 @@
-// What is known of one phone, for a visitor who asks.
+// What is known of one phone, for a visitor who asks; and whose consent has ended, in which stores.
 
 import { inWords } from "./alert_words.js";
 import { ask } from "./ask.js";
@@ -8,7 +8,9 @@ import { Identities } from "./identities.js";
 const MOST_ALERTS = 1000;
 const SHOWN = 10;
 
-const page = await appeared(["privacy-form", "privacy-device", "privacy-answer"]);
+const EVERY_MS = 10000;
+
+const page = await appeared(["privacy-form", "privacy-device", "privacy-answer", "privacy-erasures"]);
 const identities = new Identities();
 
 async function lookUp(device) {
@@ -43,6 +45,30 @@ function unknown(refusal) {
   throw refusal;
 }
 
+async function tellErasures() {
+  const told = page["privacy-erasures"];
+  try {
+    const { erasures } = await ask("erasures");
+    told.replaceChildren(erasures.length === 0 ? element("p", { class: "empty" }, "Nobody has, lately.") : table(erasures));
+  } catch (refusal) {
+    told.replaceChildren(element("p", { class: "problem" }, refusal.message));
+  }
+  setTimeout(tellErasures, EVERY_MS);
+}
+
+function table(erasures) {
+  const rows = erasures.map(({ device, t, done, waiting }) => element("tr", {},
+    element("th", { scope: "row" }, `Phone ${identities.labelOf(device)}`),
+    element("td", {}, timeOf(t)),
+    element("td", {}, done.map(({ service }) => service).join(", ") || "none yet"),
+    element("td", {}, element("span", { class: "lit" }, element("span", { class: `light ${waiting.length ? "wait" : "good"}` }),
+      waiting.length ? waiting.join(", ") : "none: it is gone"))));
+  return element("table", {}, element("thead", {}, element("tr", {},
+    ...["Phone", "Taken back", "Erased in", "Still to say so"].map((name) => element("th", { scope: "col" }, name)))),
+  element("tbody", {}, ...rows));
+}
+
+tellErasures();
 page["privacy-form"].addEventListener("submit", (event) => {
   event.preventDefault();
   lookUp(page["privacy-device"].value.trim());

@@ -10,7 +10,7 @@ const FEW = "fewer than 5 people";
 const BRIGHTEST = 0.98; // share of cells that are not the very brightest: one guard's chair must not darken the hall
 const MOST_LINES = 12;
 
-const page = await appeared(["visits-main", "visits-period", "visits-other", "visits-since", "visits-until", "visits-floor", "visits-cell",
+const page = await appeared(["visits-main", "visits-period", "visits-other", "visits-since", "visits-until", "visits-floor", "visits-cell", "visits-at",
   "visits-told", "heat-picture", "occupancy-picture", "dwell-picture", "flows-picture"]);
 const { time_zone: timeZone, site: title } = JSON.parse(page["visits-main"].dataset.given);
 const state = { site: null, names: new Map(), turn: 0, shown: {} };
@@ -58,22 +58,22 @@ const CARDS = {
     )))],
   },
   dwell: {
-    ask: (period) => ask("dwell", { query: period }),
+    ask: (period) => ask("dwell", { query: { ...period, at: page["visits-at"].value } }),
     read({ places }) {
       const rows = places.map((row) => ({ ...row, name: nameOf(row.id) }));
       return rows.length === 0 ? null : { rows };
     },
     picture: dwellPicture,
-    say: ({ rows }) => `Stays by zone: ${rows.map(({ name, median }) => `${name} ${median === null ? FEW : duration(median)}`).join(", ")}.`,
-    table: ({ rows }) => [["Zone", "People", "Visits", "Mean", "Median", "9 in 10 less than"], rows.map((row) => (
+    say: ({ rows }) => `Stays: ${rows.map(({ name, median }) => `${name} ${median === null ? FEW : duration(median)}`).join(", ")}.`,
+    table: ({ rows }) => [["Place", "People", "Visits", "Mean", "Median", "9 in 10 less than"], rows.map((row) => (
       row.median === null ? [row.name, FEW, "", "", "", ""]
         : [row.name, row.people, row.visits, duration(row.mean), duration(row.median), duration(row.p90)]
     ))],
-    rows: ({ rows }) => [["zone", "people", "visits", "mean_s", "median_s", "p90_s"],
+    rows: ({ rows }) => [["place", "people", "visits", "mean_s", "median_s", "p90_s"],
       rows.map((row) => [row.id, row.people, row.visits, row.mean, row.median, row.p90])],
   },
   flows: {
-    ask: (period) => ask("flows", { query: period }),
+    ask: (period) => ask("flows", { query: { ...period, at: page["visits-at"].value } }),
     read: ({ zones, counts }) => (zones.length === 0 ? null : { zones, names: zones.map(nameOf), counts }),
     picture: flowPicture,
     say: ({ names, counts }) => {
@@ -81,7 +81,7 @@ const CARDS = {
       counts.forEach((row, j) => row.forEach((value, i) => {
         if (i !== j && value > best.value) Object.assign(best, { value, words: `from ${names[j]} to ${names[i]}, ${value} times` });
       }));
-      return `Ways between zones: most often ${best.words}.`;
+      return `Ways: most often ${best.words}.`;
     },
     table: null,
     rows: ({ zones, counts }) => [["from", "to", "people"], counts.flatMap((row, j) => row.map((value, i) => [zones[j], zones[i], value]))],
@@ -142,14 +142,21 @@ async function refresh() {
 }
 
 async function begin() {
-  const [site, { zones }] = await Promise.all([ask("site"), ask("zones")]);
+  const [site, { zones }, { exhibits }] = await Promise.all([ask("site"), ask("zones"), ask("exhibits").catch(none)]);
   state.site = site;
-  state.names = new Map(zones.map((zone) => [zone.id, zone.name || zone.id]));
+  state.names = new Map([...exhibits, ...zones].map((place) => [place.id, place.name || place.id]));
+  page["visits-at"].parentElement.hidden = exhibits.length === 0;
   const floors = [...site.floors].sort((a, b) => (b.level ?? 0) - (a.level ?? 0));
   page["visits-floor"].replaceChildren(...floors.map((floor) => new Option(floor.name || floor.id, floor.id)));
   page["visits-floor"].parentElement.hidden = floors.length < 2;
   const wished = remembered("floor");
   page["visits-floor"].value = floors.some((floor) => floor.id === wished) ? wished : floors.at(-1).id;
+}
+
+// An API that keeps no exhibits has none.
+function none(refusal) {
+  if (refusal.status === 404) return { exhibits: [] };
+  throw refusal;
 }
 
 function nothing(name, why) {
@@ -193,7 +200,7 @@ for (const [name, card] of Object.entries(CARDS)) {
     saveTable(...card.rows(data), file(when));
   });
 }
-for (const name of ["period", "since", "until", "floor", "cell"]) {
+for (const name of ["period", "since", "until", "floor", "cell", "at"]) {
   page[`visits-${name}`].addEventListener("change", () => {
     page["visits-other"].hidden = page["visits-period"].value !== "other";
     if (name === "floor") remember("floor", page["visits-floor"].value);

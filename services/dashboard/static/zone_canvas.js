@@ -1,14 +1,13 @@
 // Zones on the plan: drawn corner by corner, moved, bent, by pointer or by keys.
 
 import { Ground } from "./ground.js";
-import { bounds, inside, line, polygon } from "./painting.js";
+import { bounds, inside } from "./painting.js";
 import { Pointer } from "./pointer.js";
 import { Viewport } from "./viewport.js";
-import { edges, middleOf, rounded, snapped, whatIsWrong } from "./zone_geometry.js";
-import { cornersOf, nameZone, paintLine, paintZones } from "./zone_painting.js";
+import { paintBegun, paintChosen } from "./zone_draft_painting.js";
+import { edges, middleOf, rounded, snapped } from "./zone_geometry.js";
+import { cornersOf, paintZones } from "./zone_painting.js";
 
-const CHOSEN = "#1257a0";
-const WRONG = "#b3261e";
 const REACH = 11; // pixels within which a corner is meant, and snapped to
 const FINGER = 18;
 const STEP = 0.1; // metres
@@ -147,54 +146,8 @@ export class ZoneCanvas {
     context.drawImage(ground, 0, 0, this.view.width, this.view.height);
     const others = this.#zones.filter((zone) => zone.id !== this.#draft?.zone.id);
     paintZones(context, this.view, others.map((zone) => ({ ...zone, name: zone.name || zone.id })), 0);
-    if (this.#draft !== null) this.#paintChosen(context, this.#draft.zone);
-    if (this.#drawing !== null) this.#paintBegun(context);
-  }
-
-  #paintChosen(context, zone) {
-    const colour = whatIsWrong(zone.points, zone.shape) === "" ? CHOSEN : WRONG;
-    if (zone.shape === "line") paintLine(context, this.view, zone.points, colour, 3);
-    else {
-      polygon(context, this.view, zone.points);
-      context.fillStyle = `${colour}22`;
-      context.fill();
-      context.strokeStyle = colour;
-      context.lineWidth = 2.5;
-      context.stroke();
-    }
-    nameZone(context, this.view, { ...zone, name: zone.name || zone.id }, colour);
-    for (const [, from, to] of edges(zone.points, zone.shape)) dot(context, this.view, middleOf(from, to), 4, "#ffffff", colour);
-    zone.points.forEach((point, i) => {
-      const chosen = i === this.corner;
-      dot(context, this.view, point, chosen ? 8 : 6, chosen ? "#ffb000" : colour, "#ffffff");
-    });
-  }
-
-  #paintBegun(context) {
-    const { points, shape } = this.#drawing;
-    const ahead = this.#cursor === null ? points : [...points, this.#cursor];
-    if (ahead.length > 1) {
-      if (shape === "line") paintLine(context, this.view, ahead, CHOSEN, 3);
-      else {
-        line(context, this.view, ahead);
-        context.setLineDash([6, 4]);
-        context.strokeStyle = CHOSEN;
-        context.lineWidth = 2.5;
-        context.stroke();
-        context.setLineDash([]);
-      }
-    }
-    for (const point of points) dot(context, this.view, point, 6, CHOSEN, "#ffffff");
-    if (this.#cursor === null) return;
-    const [x, y] = this.view.toScreen(...this.#cursor);
-    context.strokeStyle = CHOSEN;
-    context.lineWidth = 1.5;
-    context.beginPath();
-    context.moveTo(x - 10, y);
-    context.lineTo(x + 10, y);
-    context.moveTo(x, y - 10);
-    context.lineTo(x, y + 10);
-    context.stroke();
+    if (this.#draft !== null) paintChosen(context, this.view, this.#draft.zone, this.corner);
+    if (this.#drawing !== null) paintBegun(context, this.view, this.#drawing, this.#cursor);
   }
 
   // The place on the plan that is meant by a place on the screen.
@@ -349,15 +302,4 @@ export class ZoneCanvas {
     else return false;
     return true;
   }
-}
-
-function dot(context, view, place, radius, fill, edge) {
-  const [x, y] = view.toScreen(...place);
-  context.beginPath();
-  context.arc(x, y, radius, 0, 2 * Math.PI);
-  context.fillStyle = fill;
-  context.fill();
-  context.strokeStyle = edge;
-  context.lineWidth = 2;
-  context.stroke();
 }
