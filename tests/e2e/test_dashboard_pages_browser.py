@@ -19,6 +19,8 @@ from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.select import Select
 from waiting import wait_until
 
+from shared.zones import ZoneDefinition
+
 pytestmark = pytest.mark.alone
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -249,6 +251,20 @@ def test_a_person_is_chosen_by_click_or_key_and_explained(
     wait_until(lambda: "Phone 20e4" in panel.text, 5, "the second person by keyboard")
 
 
+def test_a_zone_that_staff_drew_appears_on_the_live_map_by_itself(
+    system: tuple[str, Double], browser: WebDriver
+) -> None:
+    url, double = system
+    browser.get(url)
+    wait_until(lambda: browser.execute_script("return window.atrium?.floor === 'ground'"), 20, "the map")
+    before = browser.execute_script(_PIXEL, 18.5, 1.2)
+    corner = [(17.5, 0.4), (19.5, 0.4), (19.5, 2.0), (17.5, 2.0)]
+    double.keep(ZoneDefinition(id="corner", floor="ground", points=corner))
+    wait_until(lambda: browser.execute_script(_PIXEL, 18.5, 1.2) != before, 10, "the zone")
+    del double.zones["corner"]
+    wait_until(lambda: browser.execute_script(_PIXEL, 18.5, 1.2) == before, 10, "the zone to go")
+
+
 def test_a_visitor_who_asks_is_told_what_is_known(system: tuple[str, Double], browser: WebDriver) -> None:
     url, double = system
     double.raise_alert()
@@ -279,6 +295,11 @@ def test_the_key_of_the_api_never_reaches_the_browser(system: tuple[str, Double]
         assert KEY not in httpx.get(system[0] + path).text
 
 
+_PIXEL = """
+const canvas = document.getElementById("atrium-canvas");
+const [x, y] = atrium.toScreen(...arguments).map((value) => Math.round(value * canvas.width / canvas.clientWidth) + 3);
+return canvas.getContext("2d").getImageData(x, y, 1, 1).data.join();
+"""
 _HEAT_PIXELS = """
 const canvas = document.getElementById("heat-picture");
 const context = canvas.getContext("2d");

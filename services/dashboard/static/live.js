@@ -11,7 +11,7 @@ import { Pointer } from "./pointer.js";
 import { Tracks } from "./tracks.js";
 import { Trails } from "./trails.js";
 import { Viewport } from "./viewport.js";
-import { cornersOf, paintZones } from "./zone_painting.js";
+import { cornersOf, paintLit } from "./zone_painting.js";
 
 const DRAW_EVERY_MS = 30; // people walk: thirty pictures a second are smooth, and half the work of sixty
 const RATE_OVER_MS = 3000;
@@ -129,15 +129,25 @@ function camerasOn(floor) {
   return state.site.cameras.filter((camera) => camera.floor === floor);
 }
 
-function zonesOn(floor) {
-  return (state.zones ?? state.site.zones)
-    .filter((zone) => zone.floor === floor)
-    .map((zone) => ({ ...zone, name: zone.name || zone.id, count: zone.inside, lit: state.lit.get(zone.id) }));
+// Staff may have drawn others than the site file has.
+function zones() {
+  return state.zones ?? state.site.zones;
 }
 
-function zoneOf(person) {
-  const areas = zonesOn(person.floor).filter((zone) => zone.shape !== "line");
-  return areas.find((zone) => painting.inside(cornersOf(zone), person.x, person.y))?.name ?? null;
+function zoneOf({ floor, x, y }) {
+  const found = zones().find((zone) => (
+    zone.floor === floor && zone.shape !== "line" && painting.inside(cornersOf(zone), x, y)
+  ));
+  return found === undefined ? null : found.name || found.id;
+}
+
+// Zones of which an alert has just come.
+function shine(floor, now) {
+  for (const [id, since] of state.lit) {
+    const zone = zones().find((one) => one.id === id);
+    const still = zone !== undefined && (zone.floor !== floor.id || paintLit(context, view, zone, since, now));
+    if (!still) state.lit.delete(id);
+  }
 }
 
 // Who stands nearest to this place on the screen?
@@ -175,8 +185,8 @@ function draw(now) {
   context.clearRect(0, 0, view.width, view.height);
   if (state.floor === null) return;
   const { floor, site } = state;
-  context.drawImage(ground.picture(view, ratio, site, floor, layers), 0, 0, view.width, view.height);
-  if (layers.zones) paintZones(context, view, zonesOn(floor.id), now);
+  context.drawImage(ground.picture(view, ratio, site, floor, zones(), layers), 0, 0, view.width, view.height);
+  if (layers.zones) shine(floor, now);
   const here = people.filter((person) => person.floor === floor.id);
   if (layers.trails) trails.draw(context, view, ratio, floor, here, identities, now);
   paintPeople(context, view, here, identities, layers, (person) => (

@@ -11,7 +11,7 @@ import { cornersOf, paintZones } from "./zone_painting.js";
 const REACH = 11; // pixels within which a corner is meant, and snapped to
 const FINGER = 18;
 const STEP = 0.1; // metres
-const LAYERS = { cameras: true, radio: false };
+const LAYERS = { zones: false, cameras: true, radio: false };
 
 export class ZoneCanvas {
   view = new Viewport();
@@ -142,10 +142,10 @@ export class ZoneCanvas {
     const context = this.#canvas.getContext("2d");
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, this.view.width, this.view.height);
-    const ground = this.#ground.picture(this.view, ratio, this.#site, this.#floor, LAYERS);
+    const ground = this.#ground.picture(this.view, ratio, this.#site, this.#floor, null, LAYERS);
     context.drawImage(ground, 0, 0, this.view.width, this.view.height);
     const others = this.#zones.filter((zone) => zone.id !== this.#draft?.zone.id);
-    paintZones(context, this.view, others.map((zone) => ({ ...zone, name: zone.name || zone.id })), 0);
+    paintZones(context, this.view, others.map(({ inside: _, ...zone }) => zone));
     if (this.#draft !== null) paintChosen(context, this.view, this.#draft.zone, this.corner);
     if (this.#drawing !== null) paintBegun(context, this.view, this.#drawing, this.#cursor);
   }

@@ -20,7 +20,7 @@ export function paintChosen(context, view, zone, corner) {
     context.lineWidth = 2.5;
     context.stroke();
   }
-  nameZone(context, view, { ...zone, name: zone.name || zone.id }, colour);
+  nameZone(context, view, zone, colour);
   for (const [, from, to] of edges(zone.points, zone.shape)) dot(context, view, middleOf(from, to), 4, "#ffffff", colour);
   zone.points.forEach((point, i) => {
     if (i === corner) dot(context, view, point, 8, CORNER, "#ffffff");

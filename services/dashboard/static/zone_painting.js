@@ -2,7 +2,7 @@
 
 import { extent, fade, line, polygon, text } from "./painting.js";
 
-export const ZONE = "#2f7d76";
+const ZONE = "#2f7d76";
 const LIGHTEN_MS = 4000;
 
 // The site file says `polygon`, the API's zones say `points`.
@@ -10,22 +10,17 @@ export function cornersOf(zone) {
   return zone.points ?? zone.polygon;
 }
 
-// `zones`: [{points, shape, name, count, lit}], lit = performance.now() of the newest alert or undefined.
-export function paintZones(context, view, zones, now) {
-  for (const zone of zones) {
-    const light = zone.lit === undefined ? 0 : Math.max(0, 1 - (now - zone.lit) / LIGHTEN_MS);
-    if (zone.shape === "line") {
-      paintLine(context, view, cornersOf(zone), fade(ZONE, 0.75 + 0.25 * light), 2 + 2 * light);
-      continue;
-    }
-    polygon(context, view, cornersOf(zone));
-    context.fillStyle = fade(ZONE, 0.1 + 0.16 * light);
-    context.fill();
-    context.strokeStyle = fade(ZONE, 0.55 + 0.45 * light);
-    context.lineWidth = 1.2 + 1.6 * light;
-    context.stroke();
-  }
+// `zones`: as the API tells them.
+export function paintZones(context, view, zones) {
+  for (const zone of zones) paintZone(context, view, zone, 0);
   for (const zone of zones) nameZone(context, view, zone);
+}
+
+// A zone of which an alert has just come shines for a while; returns whether it still does.
+export function paintLit(context, view, zone, since, now) {
+  const light = 1 - (now - since) / LIGHTEN_MS;
+  if (light > 0) paintZone(context, view, zone, light);
+  return light > 0;
 }
 
 export function nameZone(context, view, zone, colour = "#1d5d57") {
@@ -33,9 +28,23 @@ export function nameZone(context, view, zone, colour = "#1d5d57") {
   const left = Math.min(...corners.map(([x]) => x));
   const top = Math.max(...corners.map(([, y]) => y));
   const [x, y] = view.toScreen(left, top);
-  if (zone.shape !== "line" && extent(corners) * view.scale < 40) return;
-  const count = zone.count === undefined || zone.shape === "line" ? "" : ` · ${zone.count}`;
-  text(context, `${zone.name}${count}`, x + 7, zone.shape === "line" ? y - 9 : y + 12, 12, colour, "left", 600, true);
+  const isLine = zone.shape === "line";
+  if (!isLine && extent(corners) * view.scale < 40) return;
+  const count = zone.inside === undefined || isLine ? "" : ` · ${zone.inside}`;
+  text(context, `${zone.name || zone.id}${count}`, x + 7, isLine ? y - 9 : y + 12, 12, colour, "left", 600, true);
+}
+
+function paintZone(context, view, zone, light) {
+  if (zone.shape === "line") {
+    paintLine(context, view, cornersOf(zone), fade(ZONE, 0.75 + 0.25 * light), 2 + 2 * light);
+    return;
+  }
+  polygon(context, view, cornersOf(zone));
+  context.fillStyle = fade(ZONE, 0.1 + 0.16 * light);
+  context.fill();
+  context.strokeStyle = fade(ZONE, 0.55 + 0.45 * light);
+  context.lineWidth = 1.2 + 1.6 * light;
+  context.stroke();
 }
 
 // A directed line: its arrow points forward, from the left of the line to its right.
