@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from shared.messages import AlertKind, Message
 
-__all__ = ["Audience", "Schedule", "ZoneDefinition", "ZoneRule", "ZoneSet"]
+__all__ = ["Audience", "Id", "Schedule", "ZoneDefinition", "ZoneRule", "ZoneSet"]
 
 Id = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Clock = Annotated[str, Meta(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]$")]
