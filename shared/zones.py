@@ -23,7 +23,9 @@ Audience = Literal["everybody", "phones", "anonymous"]
 class Schedule(msgspec.Struct, frozen=True, kw_only=True):
     """When a rule holds, in the site's time zone; ``until`` before ``since`` runs past midnight."""
 
-    days: Annotated[list[Annotated[int, Meta(ge=0, le=6)]], Meta(min_length=1, max_length=7)] = [0, 1, 2, 3, 4, 5, 6]
+    days: Annotated[list[Annotated[int, Meta(ge=0, le=6)]], Meta(min_length=1, max_length=7)] = msgspec.field(
+        default_factory=lambda: list(range(7))
+    )
     """0 is Monday."""
     since: Clock = "00:00"
     until: Clock = "00:00"

@@ -1,0 +1,57 @@
+"""Where do people stay? Seconds and people per cell, cells with few people left out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["HeatMapSum", "grid_of"]
+
+
+def grid_of(bounds: tuple[float, float, float, float], cell: float) -> tuple[tuple[float, float], int, int]:
+    """Return origin, rows and columns of the grid of square cells that covers (least x, least y, greatest x, y)."""
+    left, bottom, right, top = bounds
+    return (left, bottom), max(int(np.ceil((top - bottom) / cell)), 1), max(int(np.ceil((right - left) / cell)), 1)
+
+
+class HeatMapSum:
+    """Adds positions up, part by part; memory grows with people times the cells each was in.
+
+    Args:
+        origin: lower left corner of the first cell, m.
+        cell: side of a cell, m.
+        rows: number of them; ``columns`` likewise.
+    """
+
+    def __init__(self, origin: tuple[float, float], cell: float, rows: int, columns: int) -> None:
+        self._origin = origin
+        self._cell = cell
+        self._shape = rows, columns
+        self._seconds = np.zeros(rows * columns)
+        self._people = np.zeros(rows * columns, np.int64)
+        self._pairs = np.empty(0, np.int64)
+
+    def add(
+        self, person: NDArray[np.int64], x: NDArray[np.float64], y: NDArray[np.float64], seconds: NDArray[np.float64]
+    ) -> None:
+        """Add points, shape (n,): whose, where (m), and how many seconds each stands for. Outside the grid: nothing."""
+        rows, columns = self._shape
+        column = np.floor((x - self._origin[0]) / self._cell)
+        row = np.floor((y - self._origin[1]) / self._cell)
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        cells = (row[inside] * columns + column[inside]).astype(np.int64)
+        self._seconds += np.bincount(cells, seconds[inside], minlength=rows * columns)
+        pairs = np.unique(person[inside] * (rows * columns) + cells)
+        self._pairs = np.union1d(self._pairs, pairs)
+
+    def next_people(self) -> None:
+        """Whoever comes from now on is somebody else, whatever their number: a new day of tracks."""
+        self._people += np.bincount(self._pairs % self._seconds.size, minlength=self._seconds.size)
+        self._pairs = np.empty(0, np.int64)
+
+    def told(self, fewest: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return seconds and people, shape (rows, columns); NaN and 0 where fewer than ``fewest`` people were."""
+        self.next_people()
+        enough = self._people >= fewest
+        seconds = np.where(enough, self._seconds, np.nan).reshape(self._shape)
+        return seconds, np.where(enough, self._people, 0).reshape(self._shape)
