@@ -15,6 +15,8 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import RedirectResponse, Response, StreamingResponse
 
 from services.api.auth import Guard, KeyRing
+from services.api.history_link import HistoryLink
+from services.api.history_reads import history_reads
 from services.api.hot_reads import HotReads
 from services.api.learning_link import LearningLink
 from services.api.learning_maps import learning_maps
@@ -64,6 +66,7 @@ def create_app(
     hub: Hub,
     health: Callable[[float], HealthReport],
     learning: LearningLink,
+    history: HistoryLink,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
 ) -> FastAPI:
     """Return the application.
@@ -76,6 +79,7 @@ def create_app(
         hub: where stream readers join.
         health: makes the health report of one moment.
         learning: asks the learning service.
+        history: asks the history service.
         lifespan: runs around the life of the server.
     """
     sources: dict[str, Callable[[float], bytes]] = {
@@ -99,6 +103,7 @@ def create_app(
     app.include_router(_stream(site, live, hub))
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
+    app.include_router(history_reads(site, history))
 
     @app.get("/", include_in_schema=False)
     async def root() -> RedirectResponse:

@@ -34,6 +34,11 @@ SCOPES: dict[str, Scope] = {
     "cameras": "site",
     "health": "health",
     "learning": "learning",
+    "trajectories": "positions",
+    "occupancy": "site",
+    "heatmap": "site",
+    "dwell": "site",
+    "flows": "site",
 }
 """The scope that the first part of a path below ``/v1/`` asks for."""
 ADMIN_READS = frozenset({"/v1/learning/export"})

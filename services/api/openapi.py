@@ -47,7 +47,7 @@ def error(status: int) -> dict[str, Any]:
         409: "not possible now; detail says why",
         413: "the body is too large",
         422: "a value out of range",
-        503: "not now: too many streams, or learning does not run; try again after Retry-After seconds",
+        503: "not now: too many streams, or learning or history does not run; try again after Retry-After seconds",
     }[status]
     return {"description": what, "content": {MEDIA_TYPE: {"schema": {"$ref": _REFERENCE.format(name="Problem")}}}}
 

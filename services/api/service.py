@@ -14,6 +14,7 @@ from fastapi import FastAPI
 
 from services.api.app import create_app
 from services.api.health_report import Presence, health_report
+from services.api.history_link import HistoryLink
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
 from services.api.replies import HealthReport
@@ -86,6 +87,7 @@ class ApiService(Service[ApiSettings]):
             self._hub,
             self._health_report,
             self._learning,
+            HistoryLink(self.keys, self._ask_once),
             self._lifespan,
         )
         serve(app, self.settings.api_host, self.settings.api_port, self.stopping)

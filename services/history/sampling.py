@@ -12,8 +12,8 @@ from shared.messages import Covariance, Revision, TrackFrame
 
 __all__ = ["LATEST", "Sampler", "plausible"]
 
-LATEST = 253_402_300_800.0
-"""The year 10000: a time beyond it is none."""
+LATEST = 221_845_392_000.0
+"""The year 9000: a time beyond it is none."""
 FARTHEST = 1e6
 """Metres from the plan's zero."""
 UNSEEN = STATES.index("unseen")

@@ -1,20 +1,18 @@
 """The history service on a real router: what happens is asked for later, over restarts and databases that go away."""
 
-import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import msgspec
 import pytest
-from history_world import NOON, frame, walker
+from history_in_process import DEADLINE, KEYS, Teller, ask, running
+from history_world import NOON
 from postgres_server import PostgresServer, postgres
 from sqlalchemy import create_engine, func, select
 from waiting import wait_until
 
 from services.history.database import migrate
-from services.history.service import HistoryService
-from services.history.settings import HistorySettings
+from services.history.entries import AlertTold, Points
+from services.history.spool import Spool
 from services.history.tables import AlertRow, BlockRow
 from shared.bus import Bus
 from shared.history_query import (
@@ -26,108 +24,23 @@ from shared.history_query import (
     Dwell,
     Flows,
     HeatMap,
-    HistoryAnswer,
     OccupancySeries,
     Refusal,
     Trajectory,
     decode_answer,
     numbers,
 )
-from shared.keys import Keys
-from shared.messages import Alert, Erasure, ErasureDone, Occupancy, Revision, TrackFrame
-from shared.runner import Health, ServiceError
+from shared.messages import Erasure, ErasureDone
+from shared.runner import ServiceError
 from shared.site import Site, load_site
-from shared.zones import ZoneDefinition, ZoneSet
+from shared.zones import ZoneDefinition
 
-KEYS = Keys("hall")
-DEADLINE = 15.0
 SITE = "deploy/sites/hall/site.yaml"
 
 
 @pytest.fixture(scope="module")
 def site(project: Path) -> Site:
     return load_site(project / SITE)
-
-
-@contextmanager
-def running(site: Site, project: Path, endpoint: str, folder: Path, url: str = "") -> Iterator[HistoryService]:
-    """One history service, in this process, until the block ends."""
-    settings = HistorySettings(
-        site_file=project / SITE,
-        bus=[endpoint],
-        history_database_url=url or f"sqlite:///{folder / 'history.db'}",  # type: ignore[arg-type]
-        history_spool=folder / "spool",
-        history_write_every=0.1,
-        # What these tests tell of was long ago.
-        history_phone_days=3660.0,
-        history_people_days=3660.0,
-        history_detail_days=3660.0,
-        history_alert_days=3660.0,
-        history_count_days=3660.0,
-    )
-    with Bus([endpoint]) as bus:
-        health = Health.__new__(Health)
-        # A second Health in one process would register its gauge twice.
-        health.__dict__.update(_problems={}, _lock=threading.Lock(), ready=threading.Event())
-        service = HistoryService(settings, site, bus, health)
-        thread = threading.Thread(target=service.run, daemon=True)
-        thread.start()
-        assert health.ready.wait(DEADLINE)
-        try:
-            yield service
-        finally:
-            service.stop()
-            thread.join(DEADLINE)
-            assert not thread.is_alive()
-
-
-class Teller:
-    """What other services publish."""
-
-    def __init__(self, bus: Bus) -> None:
-        self._bus = bus
-        self._tracks = bus.publisher(KEYS.tracks("hall"), TrackFrame)
-        self._revisions = bus.publisher(KEYS.revisions("hall"), Revision)
-        self._alerts = bus.publisher(KEYS.alert("entrance"), Alert, cached=True)
-        self._occupancy = bus.publisher(KEYS.occupancy(), Occupancy)
-        self._zones = bus.publisher(KEYS.zones(), ZoneSet, cached=True)
-        wait_until(lambda: self._tracks.matched, DEADLINE, "history to listen")
-
-    def walk(self, since: int, until: int, people: int = 1) -> None:
-        """Seconds from noon of a walk, all of ``people`` one behind the other, the first with a phone."""
-        for second in range(since, until):
-            rows = [
-                (number + 1, *walker(NOON + second - number), "d-1" if number == 0 else None)
-                for number in range(people)
-            ]
-            self._tracks.publish(frame(NOON + second, rows))
-
-    def revise(self, since: float, until: float) -> None:
-        self._revisions.publish(
-            Revision(
-                t=NOON + until, area="hall", chunk=1, tracker="test", device=["d-1"], since=[NOON + since],
-                of=[0], at=[NOON + since], track=[0], x=[1.0], y=[1.0], covariance=[(0.1, 0.0, 0.1)], probability=[0.6],
-            )
-        )  # fmt: skip
-
-    def alert(self, number: int, device: str | None = None) -> None:
-        self._alerts.publish(
-            Alert(
-                t=NOON, id=f"a-{number}", zone="entrance", kind="enter", area="hall", track=1, floor="ground",
-                x=1.0, y=1.0, device=device,
-            )
-        )  # fmt: skip
-
-    def count(self, t: float, people: int) -> None:
-        self._occupancy.publish(Occupancy(t=NOON + t, zone=["entrance"], people=[people], phones=[1]))
-
-    def zones(self, version: int, zones: list[ZoneDefinition]) -> None:
-        self._zones.publish(ZoneSet(t=NOON, version=version, zones=zones))
-
-
-def ask(bus: Bus, question: msgspec.Struct) -> HistoryAnswer:
-    (told,) = [answer for _, answer in bus.ask(KEYS.history(), DEADLINE, msgspec.json.encode(question))]
-    return decode_answer(told)
 
 
 def points(bus: Bus, device: str = "d-1", until: float = 3600.0) -> int:
@@ -235,6 +148,7 @@ def test_who_withdrew_while_history_was_down_is_gone_and_that_is_told(
             teller.walk(0, 30)
             teller.alert(1, device)
             wait_until(lambda: points(bus) == 30, DEADLINE, "the walk")
+        teller.until_alone()
         done = bus.inbox()
         done.subscribe(KEYS.erased(), ErasureDone, cached=True)
         bus.publisher(KEYS.erasure(device), Erasure, cached=True).publish(Erasure(t=NOON + 30, device=device))
@@ -244,6 +158,7 @@ def test_who_withdrew_while_history_was_down_is_gone_and_that_is_told(
             assert isinstance(message, ErasureDone)
             assert (message.device, message.service) == (device, "history")
             assert points(bus) == 0
+            teller.until_heard()
             teller.walk(30, 40, people=2)
             area = AskOccupancy(of="area", since=NOON, until=NOON + 3600.0)
             wait_until(lambda: counted(bus, area)[1] == [2], DEADLINE, "both people, without names")
@@ -272,6 +187,14 @@ def stored(url: str) -> Callable[[], int]:
     return count
 
 
+def waiting(folder: Path) -> tuple[int, int]:
+    """How many positions of devices and how many alerts wait on disk."""
+    spool = Spool(folder, 10**9)
+    entries = [entry for path in sorted(folder.glob("*.spool")) for entry in spool.read(path.name)[0]]
+    positions = [entry.t for entry in entries if isinstance(entry, Points) and entry.kind == "device"]
+    return sum(map(len, positions)), sum(isinstance(entry, AlertTold) for entry in entries)
+
+
 def test_nothing_is_lost_while_postgresql_is_away(
     site: Site, project: Path, zenoh_router: str, tmp_path: Path, server: PostgresServer
 ) -> None:
@@ -291,10 +214,12 @@ def test_nothing_is_lost_while_postgresql_is_away(
             assert isinstance(refusal, Refusal)
             assert (refusal.field, "database" in refusal.words) == ("", True)
             teller.walk(40, 60)
-            wait_until(lambda: sum(p.stat().st_size for p in (tmp_path / "spool").iterdir()) > 6000, DEADLINE, "disk")
+            wait_until(lambda: waiting(tmp_path / "spool") == (40, 50), DEADLINE, "two walks and all alerts on disk")
+        teller.until_alone()
         # It stops and starts again while the database is away: what waits, waits.
         with running(site, project, zenoh_router, tmp_path, server.url) as service:
             wait_until(lambda: service.health.problems().get("database"), DEADLINE, "health to tell of it again")
+            teller.until_heard()
             teller.walk(60, 80)
             server.start()
             wait_until(lambda: points(bus) == 80, DEADLINE, "all four walks")
