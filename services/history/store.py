@@ -18,7 +18,7 @@ from services.history.entries import AlertTold, Counted, Entry, Forgotten, Point
 from services.history.tables import AlertRow, AppliedRow, BlockRow, ErasedRow, OccupancyRow
 from shared.messages import encode as encode_message
 
-__all__ = ["Applied", "Key", "Store", "upsert"]
+__all__ = ["Applied", "Key", "Store", "add_points", "erased_among", "find_blocks", "forget", "put_blocks", "upsert"]
 
 Key = tuple[str, str, int, str, str]
 """Of a block: kind, subject, minute, area, floor."""
@@ -109,7 +109,7 @@ class Store:
         else:
             for entry in group:
                 if isinstance(entry, Forgotten):
-                    _forget(connection, entry)
+                    forget(connection, entry.device, entry.t)
                     done.forgotten.append(entry.device)
         done.entries += len(group)
 
@@ -128,7 +128,7 @@ def upsert(
 
 def add_points(connection: Connection, told: Sequence[Points]) -> None:
     """Merge points into the blocks of their minutes; of one subject and moment the latest told counts."""
-    erased = _erased_among(connection, {name for points in told if points.kind == "device" for name in points.subject})
+    erased = erased_among(connection, {name for points in told if points.kind == "device" for name in points.subject})
     new: dict[Key, list[tuple[int, ...]]] = {}
     steps: dict[Key, float] = {}
     for points in told:
@@ -219,7 +219,7 @@ def _replace(connection: Connection, told: Replaced) -> None:
 
 def _tell(connection: Connection, told: Sequence[AlertTold]) -> None:
     named = {name for entry in told for name in (entry.alert.device, entry.alert.other_device) if name is not None}
-    erased = _erased_among(connection, named)
+    erased = erased_among(connection, named)
     rows = {}
     for entry in told:
         alert = entry.alert
@@ -271,16 +271,16 @@ def _added(connection: Connection, rows: Sequence[dict[str, Any]]) -> Any:
     )
 
 
-def _forget(connection: Connection, told: Forgotten) -> None:
-    """Take a device out of everything, for good."""
-    device = told.device
-    connection.execute(upsert(connection, ErasedRow, [{"device": device, "t": told.t}], ["device"], []))
+def forget(connection: Connection, device: str, t: float) -> None:
+    """Take a device out of everything, for good; ``t``: when its consent was withdrawn."""
+    connection.execute(upsert(connection, ErasedRow, [{"device": device, "t": t}], ["device"], []))
     connection.execute(delete(BlockRow).where(BlockRow.kind == "device", BlockRow.subject == device))
     connection.execute(update(AlertRow).where(AlertRow.device == device).values(device=None))
     connection.execute(update(AlertRow).where(AlertRow.other_device == device).values(other_device=None))
 
 
-def _erased_among(connection: Connection, names: Iterable[str]) -> set[str]:
+def erased_among(connection: Connection, names: Iterable[str]) -> set[str]:
+    """Return those of the devices of which nothing may be stored."""
     found: set[str] = set()
     for part in _parts(sorted(names)):
         found.update(connection.scalars(select(ErasedRow.device).where(ErasedRow.device.in_(part))))
