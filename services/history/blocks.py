@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["COLUMNS", "MOST_POINTS", "BlockError", "decode", "encode", "merge"]
+__all__ = ["COLUMNS", "MOST_POINTS", "BlockError", "check", "decode", "encode", "merge"]
 
 COLUMNS = ("ms", "x", "y", "accuracy", "probability", "track", "state")
 """Milliseconds in the minute; centimetres; centimetres; centimetres (one sigma); thousandths; id; index of a state."""
@@ -20,6 +20,8 @@ MOST_POINTS = 12_000
 """Of a block: 200 a second. What claims to be longer is no block."""
 _FORMAT = b"\x01"
 _LEVEL = 6
+_POINT = 4 * len(COLUMNS)
+"""Bytes."""
 
 
 class BlockError(ValueError):
@@ -38,7 +40,7 @@ def decode(payloads: Sequence[bytes], wanted: Sequence[str] = COLUMNS) -> tuple[
     """Return what blocks hold, one after the other.
 
     Args:
-        payloads: m blocks.
+        payloads: m blocks of our own making; of others see ``check``.
         wanted: names of the columns that are unpacked.
 
     Returns:
@@ -47,8 +49,16 @@ def decode(payloads: Sequence[bytes], wanted: Sequence[str] = COLUMNS) -> tuple[
     Raises:
         BlockError: one is no block.
     """
-    raws = [_inflate(payload) for payload in payloads]
-    counts = np.array([len(raw) // (4 * len(COLUMNS)) for raw in raws], np.int64)
+    if not {payload[:1] for payload in payloads} <= {_FORMAT}:
+        raise BlockError("a block of another version")
+    try:
+        raws = [zlib.decompress(payload[1:]) for payload in payloads]
+    except zlib.error as error:
+        raise BlockError(f"a block that does not unpack: {error}") from error
+    sizes = np.fromiter(map(len, raws), np.int64, len(raws))
+    counts = sizes // _POINT
+    if (sizes != counts * _POINT).any():
+        raise BlockError("a block of other than whole points")
     starts = np.cumsum(counts) - counts
     rows = [COLUMNS.index(name) for name in wanted]
     found = np.empty((len(rows), int(counts.sum())), np.int32)
@@ -70,15 +80,17 @@ def merge(old: NDArray[np.int32], new: NDArray[np.int32]) -> NDArray[np.int32]:
     return np.ascontiguousarray(both[:, kept])
 
 
-def _inflate(payload: bytes) -> bytes:
-    if payload[:1] != _FORMAT:
-        raise BlockError(f"a block begins with byte 1, found {payload[:1].hex() or 'nothing'}")
+def check(payload: bytes) -> NDArray[np.int32]:
+    """Return a block from somewhere else, shape (7, n); it takes no more memory than the longest block.
+
+    Raises:
+        BlockError: it is no block.
+    """
     unpacking = zlib.decompressobj()
-    longest = 4 * len(COLUMNS) * MOST_POINTS
     try:
-        raw = unpacking.decompress(payload[1:], longest)
+        raw = unpacking.decompress(payload[1:], _POINT * MOST_POINTS)
     except zlib.error as error:
         raise BlockError(f"a block that does not unpack: {error}") from error
-    if not unpacking.eof or len(raw) % (4 * len(COLUMNS)):
-        raise BlockError(f"a block of other than whole points, or of more than {MOST_POINTS}, or cut off")
-    return raw
+    if payload[:1] != _FORMAT or not unpacking.eof or unpacking.unused_data or len(raw) % _POINT:
+        raise BlockError(f"a block of another version, cut off, or of more than {MOST_POINTS} points")
+    return decode([payload])[1]

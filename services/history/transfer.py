@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from sqlalchemy import Connection, Engine, Select, or_, select
 
-from services.history.blocks import BlockError, decode, merge
+from services.history.blocks import BlockError, check, decode, merge
 from services.history.sampling import LATEST, plausible
 from services.history.store import Key, erased_among, find_blocks, forget, put_blocks, upsert
 from services.history.tables import AlertRow, BlockRow, ErasedRow, OccupancyRow
@@ -227,7 +227,7 @@ def _checked_block(line: _Block, number: int) -> _Block:
             "identifiers, minutes since the epoch, seconds up to 3600"
         )
     try:
-        _, values = decode([line.points])
+        values = check(line.points)
     except BlockError as error:
         raise TransferError(f"line {number}: points: {error}") from error
     in_minute = (values[0] >= 0) & (values[0] < 60_000) & (np.diff(values[0], prepend=-1) > 0)

@@ -1,5 +1,6 @@
 """Positions go in as blocks and come out as they were; revisions, erasures and replays change what they should."""
 
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import Engine, func, select
 
-from services.history.blocks import COLUMNS, BlockError, decode, encode, merge
+from services.history.blocks import COLUMNS, BlockError, check, decode, encode, merge
 from services.history.database import VERSION_TABLE
 from services.history.entries import AlertTold, Counted, Entry, Forgotten, Points
 from services.history.reads import device_points, minutes_of, parts_of
@@ -58,6 +59,16 @@ def test_any_block_comes_back_as_it_was_alone_and_among_others(told: list[list[t
 def test_bytes_that_are_no_block_are_refused(broken: bytes) -> None:
     with pytest.raises(BlockError):
         decode([broken])
+    with pytest.raises(BlockError):
+        check(broken)
+
+
+def test_a_block_that_would_fill_the_memory_is_none() -> None:
+    bomb = b"\x01" + zlib.compress(bytes(10**8))
+    with pytest.raises(BlockError, match="more than"):
+        check(bomb)
+    good = np.arange(70, dtype=np.int32).reshape(7, 10)
+    assert np.array_equal(check(encode(good)), good)
 
 
 def test_of_two_points_of_one_moment_the_later_told_counts() -> None:
