@@ -15,6 +15,7 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import RedirectResponse, Response, StreamingResponse
 
 from services.api.auth import Guard, KeyRing
+from services.api.erasures import ErasureBoard, erasure_reads
 from services.api.history_link import HistoryLink
 from services.api.history_reads import history_reads
 from services.api.hot_reads import HotReads
@@ -67,6 +68,7 @@ def create_app(
     health: Callable[[float], HealthReport],
     learning: LearningLink,
     history: HistoryLink,
+    erasures: ErasureBoard,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
 ) -> FastAPI:
     """Return the application.
@@ -80,6 +82,7 @@ def create_app(
         health: makes the health report of one moment.
         learning: asks the learning service.
         history: asks the history service.
+        erasures: who withdrew consent and where that was carried out.
         lifespan: runs around the life of the server.
     """
     sources: dict[str, Callable[[float], bytes]] = {
@@ -104,6 +107,7 @@ def create_app(
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
     app.include_router(history_reads(site, history))
+    app.include_router(erasure_reads(erasures))
 
     @app.get("/", include_in_schema=False)
     async def root() -> RedirectResponse:

@@ -35,6 +35,7 @@ SCOPES: dict[str, Scope] = {
     "health": "health",
     "learning": "learning",
     "trajectories": "positions",
+    "erasures": "positions",
     "occupancy": "site",
     "heatmap": "site",
     "dwell": "site",

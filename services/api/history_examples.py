@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from services.api.erasure_replies import Erasures
 from services.api.history_replies import DwellReport, FlowReport, HeatMapReport, OccupancyReport, TrajectoryReport
 
 __all__ = ["HISTORY_EXAMPLES"]
@@ -44,6 +45,12 @@ HISTORY_EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     DwellReport: {
         **_PERIOD,
         "places": [{"id": "entrance", "people": 212, "visits": 260, "mean": 41.3, "median": 28.0, "p90": 95.0}],
+    },
+    Erasures: {
+        "t": _T + 10.0,
+        "erasures": [
+            {"device": "d-7f3a", "t": _T, "done": [{"service": "history", "t": _T + 4.0}], "waiting": ["learning"]}
+        ],
     },
     FlowReport: {**_PERIOD, "zones": ["entrance", "model"], "counts": [[0, 131], [117, 0]]},
 }

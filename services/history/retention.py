@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Engine, delete, select, update
+from sqlalchemy import Engine, delete, or_, select, update
 
 from services.history.blocks import decode, encode
 from services.history.tables import AlertRow, BlockRow, OccupancyRow
@@ -22,7 +22,10 @@ EVERY = 600.0
 
 @dataclass(frozen=True, slots=True)
 class Retention:
-    """Seconds for which what is kept; ``coarse``: between positions that are older than ``detail``."""
+    """Seconds for which what is kept; ``coarse``: between positions that are older than ``detail``.
+
+    An alert that is kept for longer than ``phones`` loses the names in it then.
+    """
 
     phones: float
     people: float
@@ -75,6 +78,9 @@ class Tidying:
                 )
                 done += connection.execute(delete(BlockRow).where(BlockRow.id.in_(old))).rowcount
             done += connection.execute(delete(AlertRow).where(AlertRow.t < now - keep.alerts)).rowcount
+            named = or_(AlertRow.device.is_not(None), AlertRow.other_device.is_not(None))
+            old_names = update(AlertRow).where(AlertRow.t < now - keep.phones, named)
+            done += connection.execute(old_names.values(device=None, other_device=None)).rowcount
             too_old = math.floor((now - keep.counts) / 60.0)
             done += connection.execute(delete(OccupancyRow).where(OccupancyRow.minute < too_old)).rowcount
         return done

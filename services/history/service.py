@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import queue
 import threading
-import time
-from collections import OrderedDict
 from collections.abc import Sequence
 
 import msgspec
@@ -20,10 +18,11 @@ from services.history.sampling import Sampler, plausible
 from services.history.settings import HistorySettings
 from services.history.spool import Spool
 from services.history.writer import DATABASE, DISK, Writer
-from shared.bus import Bus, Publisher, Question
+from shared.acknowledgements import Acknowledgements
+from shared.bus import Bus, Question
 from shared.erased import Erased
 from shared.keys import is_identifier
-from shared.messages import Alert, Erasure, ErasureDone, Message, Occupancy, Revision, TrackFrame
+from shared.messages import Alert, Erasure, Message, Occupancy, Revision, TrackFrame
 from shared.runner import Health, Service, ServiceError
 from shared.settings import SettingsError
 from shared.site import Site
@@ -40,8 +39,6 @@ ANSWERING = 2
 WAITING_QUESTIONS = 100
 LAST_WRITE = 1.5
 """Seconds a stop waits for the database; what is not in by then stays in the spool."""
-ACKNOWLEDGED = 2000
-"""Devices whose erasure whoever joins is told of, as many as the gateway tells."""
 
 LOST = Counter("atrium_history_lost_total", "Entries that were not kept: the disk is full or too much waits")
 UNANSWERED = Counter("atrium_history_unanswered_total", "Questions that found too many others waiting")
@@ -66,8 +63,8 @@ class HistoryService(Service[HistorySettings]):
         self._zones: tuple[int, list[ZoneDefinition]] = (-1, zones_of_site(site))
         self._desk = Desk(self._engine, site, lambda: self._zones[1])
         tidying = Tidying(self._engine, settings.retention())
-        self._writer = Writer(self._spool, self._engine, health, self._acknowledge, tidying.work)
-        self._acknowledged: OrderedDict[str, Publisher[ErasureDone]] = OrderedDict()
+        self._acknowledged = Acknowledgements(bus, self.keys, self.name)
+        self._writer = Writer(self._spool, self._engine, health, self._acknowledged.tell, tidying.work)
         self._questions: queue.Queue[Question] = queue.Queue(WAITING_QUESTIONS)
         self._inbox = bus.inbox(capacity=20_000)
 
@@ -166,16 +163,6 @@ class HistoryService(Service[HistorySettings]):
         if isinstance(message, ZoneSet) and message.version > self._zones[0]:
             self._zones = message.version, message.zones
         return []
-
-    def _acknowledge(self, device: str) -> None:
-        """Tell that nothing of a device is stored any more."""
-        if device in self._acknowledged or not is_identifier(device):
-            return
-        publisher = self.bus.publisher(self.keys.erased(device, self.name), ErasureDone, cached=True)
-        publisher.publish(ErasureDone(t=time.time(), device=device, service=self.name))
-        self._acknowledged[device] = publisher
-        if len(self._acknowledged) > ACKNOWLEDGED:
-            self._acknowledged.popitem(last=False)[1].close()
 
     # -- what is asked -------------------------------------------------------------------------------------------------
 

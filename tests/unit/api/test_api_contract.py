@@ -11,6 +11,7 @@ import shapely
 
 from services.api.app import create_app
 from services.api.auth import KeyRing
+from services.api.erasures import ErasureBoard
 from services.api.examples import EXAMPLES
 from services.api.health_report import Presence, health_report
 from services.api.history_link import HistoryLink
@@ -52,6 +53,7 @@ def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: 
         lambda _: empty,
         LearningLink(Keys("hall"), lambda *_: None),
         HistoryLink(Keys("hall"), lambda *_: None),
+        ErasureBoard(),
     ).openapi()
     text = json.dumps(document)
     schemas = document["components"]["schemas"]
