@@ -69,7 +69,8 @@ class Teller:
         self.until_heard()
 
     def until_heard(self) -> None:
-        wait_until(lambda: self._tracks.matched, DEADLINE, "history to listen")
+        told = (self._tracks, self._revisions, self._occupancy)
+        wait_until(lambda: all(publisher.matched for publisher in told), DEADLINE, "history to listen")
 
     def until_alone(self) -> None:
         wait_until(lambda: not self._tracks.matched, DEADLINE, "history to be gone")

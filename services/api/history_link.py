@@ -31,8 +31,10 @@ log = structlog.get_logger(__name__)
 KEPT = 5.0
 """Seconds a sum is told to everybody who asks the same; trajectories are never kept."""
 MOST_KEPT = 32
-PATIENCE = 30.0
-"""Seconds history has to answer."""
+PATIENCE = 120.0
+"""Seconds history has to answer: a day of a full museum takes a second or two, a month as often as it has days."""
+WAIT_FOR_OTHERS = 15.0
+"""Seconds until a question that found ``AT_ONCE`` others is told to come again."""
 AT_ONCE = 4
 """Questions that wait for an answer together; whoever comes then is told to come again."""
 _UNKNOWN = ("zone", "area", "floor")
@@ -81,7 +83,7 @@ class HistoryLink:
             kept = self._kept.get(payload)
         if kept is not None and time.monotonic() - kept[0] < KEPT:
             return kept[1]
-        if not self._places.acquire(timeout=PATIENCE / 2):
+        if not self._places.acquire(timeout=WAIT_FOR_OTHERS):
             raise _away("many ask about the past just now")
         try:
             told = self._ask(self._key, PATIENCE, payload)

@@ -37,6 +37,8 @@ TURN = 0.5
 ANSWERING = 2
 """Questions that are worked on at once."""
 WAITING_QUESTIONS = 100
+LONGEST_ID = 200
+"""Characters of an alert's id."""
 LAST_WRITE = 1.5
 """Seconds a stop waits for the database; what is not in by then stays in the spool."""
 
@@ -148,12 +150,7 @@ class HistoryService(Service[HistorySettings]):
             replaced = self._sampler.revision(self._erased.from_revision(message))
             return [] if replaced is None else [replaced]
         if isinstance(message, Alert):
-            if not plausible(message.t):
-                return []
-            told = self._erased.from_alert(message)
-            if told.other_device is not None and told.other_device in self._erased:
-                told = msgspec.structs.replace(told, other_device=None)
-            return [AlertTold(alert=told)]
+            return self._told(message)
         if isinstance(message, Occupancy):
             return _counted(message)
         if isinstance(message, Erasure):
@@ -163,6 +160,16 @@ class HistoryService(Service[HistorySettings]):
         if isinstance(message, ZoneSet) and message.version > self._zones[0]:
             self._zones = message.version, message.zones
         return []
+
+    def _told(self, alert: Alert) -> list[Entry]:
+        """Return what is kept of an alert: nothing of one that no index of a database could hold."""
+        if not plausible(alert.t) or not is_identifier(alert.zone) or not 0 < len(alert.id) <= LONGEST_ID:
+            return []
+        device, other = (
+            name if name is not None and is_identifier(name) and name not in self._erased else None
+            for name in (alert.device, alert.other_device)
+        )
+        return [AlertTold(alert=msgspec.structs.replace(alert, device=device, other_device=other))]
 
     # -- what is asked -------------------------------------------------------------------------------------------------
 

@@ -65,11 +65,12 @@ def test_what_happens_is_told_when_it_is_asked_for(
         square = [(2.0, 2.0), (18.0, 2.0), (18.0, 10.0), (2.0, 10.0)]
         teller.zones(1, [ZoneDefinition(id="round", floor="ground", points=square)])
         teller.walk(0, 60, people=6)
+        wait_until(lambda: points(bus) == 60, DEADLINE, "the walk")
         teller.revise(50.0, 59.0)
         teller.alert(1, "d-1")
         teller.count(0.0, 4)
         teller.count(5.0, 6)
-        wait_until(lambda: points(bus) == 51, DEADLINE, "the walk, its last ten seconds revised")
+        wait_until(lambda: points(bus) == 51, DEADLINE, "its last ten seconds to be revised")
         hour = {"since": NOON, "until": NOON + 3600.0}
         way = ask(bus, AskTrajectory(device="d-1", **hour))
         assert isinstance(way, Trajectory)
