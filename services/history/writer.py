@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -70,8 +71,8 @@ class Writer:
                     self._bring_in(name, present)
                 self._tidy(time.time())
             except SQLAlchemyError as error:
-                words = f"{unreachable(self._engine, error)}; {self._spool.waiting / 1e6:.1f} MB wait on disk meanwhile"
-                self._health.degraded(DATABASE, words)
+                waits = f"up to {_rounded(self._spool.waiting)} MB wait on disk meanwhile"
+                self._health.degraded(DATABASE, f"{unreachable(self._engine, error)}; {waits}")
                 return False
             except OSError as error:
                 self._health.degraded(DISK, f"what waits for the database cannot be read: {error}")
@@ -96,3 +97,8 @@ class Writer:
         REFUSED.inc(len(done.refused))
         for device in done.forgotten:
             self._forgotten(device)
+
+
+def _rounded(size: int) -> int:
+    """Megabytes, up to the next power of two: words that change with every byte would fill the log."""
+    return 2 ** max(math.ceil(math.log2(max(size, 1) / 1e6)), 0)
