@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NoReturn
+import functools
+import itertools
+import time
+from collections.abc import Callable, Hashable, Sequence
+from typing import NoReturn, TypeAlias, TypeVar
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 from sqlalchemy import Engine
 from sqlalchemy.exc import SQLAlchemyError
 
-from services.history.analytics.heat_map import HeatMapSum, grid_of
+from services.history.analytics.heat_map import HeatMapSum, grid_of, suppressed
 from services.history.analytics.local_time import by_step, step_edges
 from services.history.analytics.trajectory import one_way
-from services.history.analytics.visits import Visits, VisitSum, dwell_of, flows_of
+from services.history.analytics.visits import Visits, VisitSum, dwell_of, flows_of, joined
 from services.history.blocks import COLUMNS
+from services.history.day_sums import DaySums
 from services.history.reads import device_points, minutes_of, parts_of
 from services.history.sampling import plausible
 from shared.database import unreachable
@@ -48,6 +53,8 @@ __all__ = ["Desk", "zones_of_site"]
 MOST_CELLS = 1_000_000
 MOST_STEPS = 50_000
 """Steps times places of a series."""
+_Grid: TypeAlias = tuple[NDArray[np.float64], NDArray[np.int64]]
+T = TypeVar("T")
 KIND = {"people": "track", "phones": "device"}
 
 
@@ -64,12 +71,20 @@ class Desk:
         engine: of history's database.
         site: floors and the time zone are read from here.
         zones: returns the zones that are in force.
+        clock: returns seconds since the epoch.
     """
 
-    def __init__(self, engine: Engine, site: Site, zones: Callable[[], Sequence[ZoneDefinition]]) -> None:
+    def __init__(
+        self,
+        engine: Engine,
+        site: Site,
+        zones: Callable[[], Sequence[ZoneDefinition]],
+        clock: Callable[[], float] = time.time,
+    ) -> None:
         self._engine = engine
         self._site = site
         self._zones = zones
+        self._days = DaySums(clock)
 
     def answer(self, payload: bytes) -> bytes:
         """Return the answer to a question, both as they travel."""
@@ -157,14 +172,19 @@ class Desk:
         origin, rows, columns = grid_of(bounds, asked.cell)
         if rows * columns > MOST_CELLS:
             _refuse("cell", str(asked.cell), f"metres so large that the floor has {MOST_CELLS} cells at most")
-        total = HeatMapSum(origin, asked.cell, rows, columns)
-        kind, zone, day = KIND[asked.of], self._site.time_zone, None
-        for part in parts_of(self._engine, kind, asked.since, asked.until, zone, asked.floor):
-            if kind == "track" and day not in (None, part.day):
-                total.next_people()
-            day = part.day
-            total.add(part.person, part.x, part.y, part.seconds)
-        seconds, people = total.told(FEWEST_PEOPLE)
+
+        def of_span(since: float, until: float) -> _Grid:
+            total = HeatMapSum(origin, asked.cell, rows, columns)
+            for part in parts_of(self._engine, KIND[asked.of], since, until, asked.floor):
+                total.add(part.person, part.x, part.y, part.seconds)
+            return total.sums()
+
+        def bytes_of(sums: _Grid) -> int:
+            return sums[0].nbytes + sums[1].nbytes
+
+        of_days = self._by_day(asked, ("heat", asked.floor, asked.cell), bytes_of, of_span)
+        sums = (functools.reduce(np.add, column) for column in zip(*of_days, strict=True))
+        seconds, people = suppressed(*sums, fewest=FEWEST_PEOPLE)
         return HeatMap(
             floor=asked.floor,
             origin=origin,
@@ -209,14 +229,40 @@ class Desk:
         for place in places:
             if len(place.points) < 3:
                 _refuse("places", f"{place.id} with {len(place.points)} corners", "three corners or more")
-        total = VisitSum([np.array(place.points, float) for place in places], asked.away)
-        for part in parts_of(self._engine, KIND[asked.of], asked.since, asked.until, self._site.time_zone):
-            for number, floor in enumerate(part.floors):
-                on = np.flatnonzero(part.floor == number)
-                numbers = [place for place, zone in enumerate(places) if zone.floor == floor]
-                if on.size and numbers:
-                    total.add(numbers, part.person[on], part.t[on], part.x[on], part.y[on], part.seconds[on])
-        return places, total.visits(asked.shortest)
+
+        def of_span(since: float, until: float) -> Visits:
+            total = VisitSum([np.array(place.points, float) for place in places], asked.away)
+            for part in parts_of(self._engine, KIND[asked.of], since, until):
+                for number, floor in enumerate(part.floors):
+                    on = np.flatnonzero(part.floor == number)
+                    numbers = [place for place, zone in enumerate(places) if zone.floor == floor]
+                    if on.size and numbers:
+                        total.add(numbers, part.person[on], part.t[on], part.x[on], part.y[on], part.seconds[on])
+            return total.visits()
+
+        def bytes_of(visits: Visits) -> int:
+            return 4 * visits.begin.nbytes
+
+        corners = tuple((place.floor, tuple(place.points)) for place in places)
+        of_days = self._by_day(asked, ("visits", asked.away, corners), bytes_of, of_span)
+        return places, joined(of_days, asked.shortest)
+
+    def _by_day(
+        self,
+        asked: AskHeatMap | AskDwell | AskFlows,
+        what: tuple[Hashable, ...],
+        size: Callable[[T], int],
+        make: Callable[[float, float], T],
+    ) -> list[T]:
+        """Return sums of the local days of a period: tracks are somebody else every day, phones are not."""
+        if asked.of == "phones":
+            return [make(asked.since, asked.until)]
+        found = []
+        edges = step_edges(asked.since, asked.until, 86400, self._site.time_zone).tolist()
+        for midnight, following in itertools.pairwise(edges):
+            since, until = max(midnight, asked.since), min(following, asked.until)
+            found.append(self._days.get((since, until, *what), until, size, functools.partial(make, since, until)))
+        return found
 
 
 def zones_of_site(site: Site) -> list[ZoneDefinition]:

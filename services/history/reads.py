@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import datetime
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +24,10 @@ class Part:
     """Positions of an hour at most, in parallel arrays of shape (n,).
 
     Attributes:
-        person: numbers; the same is the same person. Tracks are somebody else every local day.
+        person: numbers; within a call the same is the same person.
         floor: numbers, of ``floors``.
         t: s; ``x`` and ``y``: m; ``seconds``: that each stands for.
         floors: names.
-        day: of the site's local time.
     """
 
     person: NDArray[np.int64]
@@ -40,7 +37,6 @@ class Part:
     y: NDArray[np.float64]
     seconds: NDArray[np.float64]
     floors: list[str]
-    day: datetime.date
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +60,7 @@ class Minutes:
     phones: NDArray[np.int64]
 
 
-def parts_of(
-    engine: Engine, kind: str, since: float, until: float, time_zone: str, floor: str | None = None
-) -> Iterator[Part]:
+def parts_of(engine: Engine, kind: str, since: float, until: float, floor: str | None = None) -> Iterator[Part]:
     """Yield where everybody was, in the order of time.
 
     Args:
@@ -74,14 +68,10 @@ def parts_of(
         kind: track: whom cameras saw; device: phones, also unseen.
         since: seconds since the epoch, inclusive.
         until: likewise, exclusive.
-        time_zone: in whose days tracks are told apart.
         floor: only this one.
     """
-    zone = ZoneInfo(time_zone)
     people: dict[tuple[str, str], int] = {}
-    numbers = 0
     floors: dict[str, int] = {}
-    today: datetime.date | None = None
     first, last = math.floor(since / 60.0), math.ceil(until / 60.0)
     for begin in range(first - first % AT_ONCE, last, AT_ONCE):
         asked = (
@@ -95,17 +85,8 @@ def parts_of(
             rows = connection.execute(asked).all()
         if not rows:
             continue
-        day = datetime.datetime.fromtimestamp(begin * 60.0, zone).date()
-        if kind == "track" and day != today:
-            people.clear()
-        today = day
-        who = []
-        for row in rows:
-            person = (row[2] if kind == "track" else "", row[0])
-            if person not in people:
-                people[person] = numbers
-                numbers += 1
-            who.append(people[person])
+        # A track's number is its area's, a device is the same everywhere.
+        who = [people.setdefault((row[2] if kind == "track" else "", row[0]), len(people)) for row in rows]
         counts, values = decode([row[5] for row in rows], ("ms", "x", "y"))
         t = np.repeat(np.array([row[1] for row in rows], float) * 60.0, counts) + values[0] / 1000.0
         kept = np.flatnonzero((t >= since) & (t < until))
@@ -117,7 +98,6 @@ def parts_of(
             values[2, kept] / 100.0,
             np.repeat(np.array([row[4] for row in rows], float), counts)[kept],
             list(floors),
-            day,
         )
 
 

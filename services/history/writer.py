@@ -101,4 +101,4 @@ class Writer:
 
 def _rounded(size: int) -> int:
     """Megabytes, up to the next power of two: words that change with every byte would fill the log."""
-    return 2 ** max(math.ceil(math.log2(max(size, 1) / 1e6)), 0)
+    return 1 << max(math.ceil(math.log2(max(size, 1) / 1e6)), 0)

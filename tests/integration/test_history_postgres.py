@@ -90,5 +90,5 @@ def test_all_that_is_done_to_sqlite_is_done_to_postgresql(engine: Engine, tmp_pa
     with engine.connect() as connection:
         assert set(connection.scalars(select(BlockRow.kind))) == {"track"}
         assert connection.scalar(select(func.count()).select_from(AlertRow)) == 0
-    (part,) = parts_of(engine, "track", *hour, "UTC")
+    (part,) = parts_of(engine, "track", *hour)
     assert part.seconds.tolist() == [10.0] * 12

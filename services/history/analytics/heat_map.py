@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["HeatMapSum", "grid_of"]
+__all__ = ["HeatMapSum", "grid_of", "suppressed"]
 
 
 def grid_of(bounds: tuple[float, float, float, float], cell: float) -> tuple[tuple[float, float], int, int]:
@@ -32,7 +32,6 @@ class HeatMapSum:
         self._cell = cell
         self._shape = rows, columns
         self._seconds = np.zeros(rows * columns)
-        self._people = np.zeros(rows * columns, np.int64)
         self._pairs: list[NDArray[np.int64]] = []
         """Who was in which cell: each once within a part."""
 
@@ -52,19 +51,19 @@ class HeatMapSum:
         if sum(part.size for part in self._pairs) > 2 * self._pairs[0].size + MOST_LOOSE:
             self._pairs = [_distinct(np.concatenate(self._pairs))]
 
-    def next_people(self) -> None:
-        """Whoever comes from now on is somebody else, whatever their number: a new day of tracks."""
-        if self._pairs:
-            cells = _distinct(np.concatenate(self._pairs)) % self._seconds.size
-            self._people += np.bincount(cells, minlength=self._seconds.size)
-        self._pairs = []
+    def sums(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return seconds and people of each cell, shape (rows, columns); not to be told as they are."""
+        pairs = _distinct(np.concatenate([np.empty(0, np.int64), *self._pairs]))
+        people = np.bincount(pairs % self._seconds.size, minlength=self._seconds.size)
+        return self._seconds.reshape(self._shape), people.reshape(self._shape)
 
-    def told(self, fewest: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return seconds and people, shape (rows, columns); NaN and 0 where fewer than ``fewest`` people were."""
-        self.next_people()
-        enough = self._people >= fewest
-        seconds = np.where(enough, self._seconds, np.nan).reshape(self._shape)
-        return seconds, np.where(enough, self._people, 0).reshape(self._shape)
+
+def suppressed(
+    seconds: NDArray[np.float64], people: NDArray[np.int64], fewest: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return sums that may be told: NaN and 0 where fewer than ``fewest`` people were."""
+    enough = people >= fewest
+    return np.where(enough, seconds, np.nan), np.where(enough, people, 0)
 
 
 def _distinct(values: NDArray[np.int64]) -> NDArray[np.int64]:

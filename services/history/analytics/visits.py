@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-__all__ = ["DwellStatistics", "VisitSum", "Visits", "dwell_of", "flows_of"]
+__all__ = ["DwellStatistics", "VisitSum", "Visits", "dwell_of", "flows_of", "joined"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +31,17 @@ class DwellStatistics:
     mean: float
     median: float
     p90: float
+
+
+def joined(parts: Sequence[Visits], shortest: float) -> Visits:
+    """Return the stays of several days that lasted ``shortest`` seconds or longer; everybody is new each day."""
+    first = np.cumsum([0, *(part.person.max(initial=-1) + 1 for part in parts)])
+    place = np.concatenate([np.empty(0, np.int64), *(part.place for part in parts)])
+    person = np.concatenate([np.empty(0, np.int64), *(p.person + n for p, n in zip(parts, first, strict=False))])
+    begin = np.concatenate([np.empty(0), *(part.begin for part in parts)])
+    end = np.concatenate([np.empty(0), *(part.end for part in parts)])
+    long = end - begin >= shortest
+    return Visits(place[long], person[long], begin[long], end[long])
 
 
 class VisitSum:
@@ -65,8 +76,8 @@ class VisitSum:
                 runs = _runs(person[inside], t[inside], t[inside] + seconds[inside], self._away)
                 self._runs.append(np.column_stack([np.full(len(runs), place), runs]))
 
-    def visits(self, shortest: float) -> Visits:
-        """Return all stays that lasted ``shortest`` seconds or longer."""
+    def visits(self) -> Visits:
+        """Return all stays."""
         rows = np.concatenate(self._runs) if self._runs else np.empty((0, 4))
         rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
         parts = []
@@ -75,7 +86,6 @@ class VisitSum:
             runs = _runs(of[:, 1].astype(np.int64), of[:, 2], of[:, 3], self._away)
             parts.append(np.column_stack([np.full(len(runs), place), runs]))
         found = np.concatenate(parts) if parts else rows
-        found = found[found[:, 3] - found[:, 2] >= shortest]
         return Visits(found[:, 0].astype(np.int64), found[:, 1].astype(np.int64), found[:, 2], found[:, 3])
 
 

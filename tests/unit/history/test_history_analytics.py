@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from services.history.analytics.heat_map import HeatMapSum, grid_of
+from services.history.analytics.heat_map import HeatMapSum, grid_of, suppressed
 from services.history.analytics.local_time import by_step, step_edges
 from services.history.analytics.trajectory import one_way
-from services.history.analytics.visits import Visits, VisitSum, dwell_of, flows_of
+from services.history.analytics.visits import Visits, VisitSum, dwell_of, flows_of, joined
 
 SQUARES = [np.array([(x, 0.0), (x + 2.0, 0.0), (x + 2.0, 2.0), (x, 2.0)]) for x in (0.0, 4.0, 8.0)]
 Moment = tuple[int, float, float]
@@ -27,23 +27,20 @@ def test_a_cell_tells_nothing_unless_five_people_were_in_it() -> None:
     for person in range(5):
         total.add(ints([person] * 3), np.array([0.5, 0.6, 2.5]), np.array([0.5, 0.5, 1.5]), np.full(3, 2.0))
     total.add(ints([0, 0]), np.array([1.5, 9.0]), np.array([0.5, 9.0]), np.array([100.0, 1.0]))
-    seconds, people = total.told(5)
+    seconds, people = suppressed(*total.sums(), 5)
     assert people.tolist() == [[5, 0, 0], [0, 0, 5]]
     assert seconds[0, 0] == 20.0
     assert seconds[1, 2] == 10.0
     assert np.isnan(seconds[0, 1]), "one person for long is still one person"
 
 
-def test_the_same_number_on_another_day_is_somebody_else_only_where_told_so() -> None:
-    told = []
-    for others in (False, True):
-        total = HeatMapSum((0.0, 0.0), 1.0, 1, 1)
-        for _ in range(5):
-            total.add(ints([3]), np.array([0.5]), np.array([0.5]), np.array([1.0]))
-            if others:
-                total.next_people()
-        told.append(total.told(5)[1].tolist())
-    assert told == [[[0]], [[5]]]
+def test_stays_of_several_days_are_of_other_people_and_short_ones_are_none() -> None:
+    day = Visits(ints([0, 0, 1]), ints([0, 2, 2]), np.array([0.0, 0.0, 50.0]), np.array([20.0, 4.0, 90.0]))
+    both = joined([day, stays([], 0.0, 1), day], 5.0)
+    assert both.person.tolist() == [0, 2, 3, 5]
+    assert both.place.tolist() == [0, 1, 0, 1]
+    assert dwell_of(both, 0).people == 2
+    assert joined([], 5.0).place.size == 0
 
 
 def test_a_grid_covers_its_bounds() -> None:
@@ -64,7 +61,7 @@ def stays(moments: list[Moment], away: float, parts: int) -> Visits:
             np.ones(len(chosen)),
             np.ones(len(chosen)),
         )
-    return total.visits(0.0)
+    return total.visits()
 
 
 def slow_stays(moments: list[Moment], away: float) -> list[tuple[int, int, float, float]]:
@@ -156,4 +153,4 @@ def test_where_two_areas_tell_of_a_moment_the_more_probable_counts() -> None:
 def test_an_odd_polygon_breaks_nothing(corners: list[tuple[float, float]]) -> None:
     total = VisitSum([np.array(corners, float)], 0.0)
     total.add([0], ints([1]), np.zeros(1), np.array([1.9]), np.array([1.0]), np.ones(1))
-    assert len(total.visits(0.0).place) <= 1
+    assert len(total.visits().place) <= 1

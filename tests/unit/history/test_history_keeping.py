@@ -60,7 +60,7 @@ def test_what_is_too_old_goes_each_after_its_time(tmp_path: Path) -> None:
     ):
         tidy(engine, NOON + days * DAY)
         assert bool(len(device_points(engine, "d-1", NOON, NOON + DAY).t)) == phones
-        assert bool(list(parts_of(engine, "track", NOON, NOON + DAY, "UTC"))) == people
+        assert bool(list(parts_of(engine, "track", NOON, NOON + DAY))) == people
         with engine.connect() as connection:
             told = connection.scalars(select(AlertRow.device)).all()
         assert told == (["d-1"] if phones else [None]) * alerts, "an old alert tells no name"
@@ -73,7 +73,7 @@ def test_what_is_old_gets_thinner_once_and_stands_for_the_same_time(tmp_path: Pa
     tidy(engine, NOON + 2 * DAY)
     old = device_points(engine, "d-1", NOON, NOON + DAY).t
     assert old.tolist() == [NOON + second for second in range(0, 300, 10)]
-    (part,) = parts_of(engine, "track", NOON, NOON + DAY, "UTC")
+    (part,) = parts_of(engine, "track", NOON, NOON + DAY)
     assert part.seconds.sum() == 300.0
     assert len(device_points(engine, "d-1", NOON + 2 * DAY, NOON + 3 * DAY).t) == 300
 

@@ -102,9 +102,9 @@ def test_a_track_goes_by_its_first_id_and_whom_no_camera_sees_is_nobody_without_
             *sampler.tracks(frame(NOON + 2, [(9, 1.0, 1.0, None), (0, 5.0, 5.0, "d-2")], ["d-2"], {9: [7, 8]})),
         ],
     )
-    (part,) = parts_of(engine, "track", NOON, NOON + MINUTE, "UTC")
+    (part,) = parts_of(engine, "track", NOON, NOON + MINUTE)
     assert part.person.tolist() == [0, 0]
-    (part,) = parts_of(engine, "device", NOON, NOON + MINUTE, "UTC")
+    (part,) = parts_of(engine, "device", NOON, NOON + MINUTE)
     assert part.x.tolist() == [5.0]
 
 
@@ -126,7 +126,7 @@ def test_a_revision_takes_the_place_of_what_was_said_since(engine: Engine) -> No
     ]
     assert during == [(since, 1.0), (since + 5.0, 2.0)]
     assert len(found.t) == 120 - 21 + 2
-    (part,) = parts_of(engine, "track", NOON, NOON + 2 * MINUTE, "UTC")
+    (part,) = parts_of(engine, "track", NOON, NOON + 2 * MINUTE)
     assert len(part.t) == 120, "whom cameras saw, they saw"
 
 
@@ -154,7 +154,7 @@ def test_nothing_is_left_of_who_withdraws_and_nothing_comes_back(engine: Engine,
     assert sorted((row[0] or "", row[1] or "") for row in rows) == [("", ""), ("d-2", "")]
     assert not any(device in row[2] for row in rows)
     assert Store(engine).erased() == [device]
-    (part,) = parts_of(engine, "track", NOON, NOON + 2 * MINUTE, "UTC")
+    (part,) = parts_of(engine, "track", NOON, NOON + 2 * MINUTE)
     assert len(part.t) == 120, "whom a camera saw stays, without a name"
 
 
