@@ -16,6 +16,9 @@ from starlette.responses import RedirectResponse, Response, StreamingResponse
 
 from services.api.auth import Guard, KeyRing
 from services.api.calibration_routes import calibration_routes
+from services.api.erasures import ErasureBoard, erasure_reads
+from services.api.history_link import HistoryLink
+from services.api.history_reads import history_reads
 from services.api.hot_reads import HotReads
 from services.api.learning_link import LearningLink
 from services.api.learning_maps import learning_maps
@@ -65,6 +68,8 @@ def create_app(
     hub: Hub,
     health: Callable[[float], HealthReport],
     learning: LearningLink,
+    history: HistoryLink,
+    erasures: ErasureBoard,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
     ask: Callable[[str, float, bytes | None], bytes | None] = lambda *_: None,
 ) -> FastAPI:
@@ -78,6 +83,8 @@ def create_app(
         hub: where stream readers join.
         health: makes the health report of one moment.
         learning: asks the learning service.
+        history: asks the history service.
+        erasures: who withdrew consent and where that was carried out.
         lifespan: runs around the life of the server.
         ask: sends a query over the bus: key, seconds to wait, payload; None where nobody answers.
     """
@@ -103,6 +110,8 @@ def create_app(
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
     app.include_router(calibration_routes(site, settings.site_file, ask, learning))
+    app.include_router(history_reads(site, history))
+    app.include_router(erasure_reads(erasures))
 
     @app.get("/", include_in_schema=False)
     async def root() -> RedirectResponse:

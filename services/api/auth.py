@@ -35,6 +35,12 @@ SCOPES: dict[str, Scope] = {
     "access-points": "site",
     "health": "health",
     "learning": "learning",
+    "trajectories": "positions",
+    "erasures": "positions",
+    "occupancy": "site",
+    "heatmap": "site",
+    "dwell": "site",
+    "flows": "site",
 }
 """The scope that the first part of a path below ``/v1/`` asks for."""
 ADMIN_READS = frozenset({"/v1/learning/export"})

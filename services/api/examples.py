@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from services.api.calibration_replies import CALIBRATION_EXAMPLES
+from services.api.history_examples import HISTORY_EXAMPLES
 from services.api.learning_examples import LEARNING_EXAMPLES
 from services.api.replies import Alerts, Cameras, HealthReport, Position, Positions, SiteView, Tracks, Zones
 
@@ -55,6 +56,7 @@ _CORNERS = [[7.0, 0.0], [13.0, 0.0], [13.0, 2.5], [7.0, 2.5]]
 EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     **LEARNING_EXAMPLES,
     **CALIBRATION_EXAMPLES,
+    **HISTORY_EXAMPLES,
     Position: _POSITION,
     Positions: {"t": 1767225600.28, "positions": [_POSITION]},
     Tracks: {

@@ -17,6 +17,7 @@ MEDIA_TYPE = "application/problem+json"
 _ALLOWED = {
     "limit": "a whole number from 1 to 1000",
     "before": "seconds since the epoch (UTC), a finite number such as 1767225600.0",
+    "until": "seconds since the epoch (UTC), a finite number such as 1767225600.0",
     "kind": "radio, detector, stride, heading or alignment",
     "since": "seconds since the epoch (UTC), a finite number such as 1767225600.0",
 }

@@ -13,7 +13,9 @@ import structlog
 from fastapi import FastAPI
 
 from services.api.app import create_app
+from services.api.erasures import ErasureBoard
 from services.api.health_report import Presence, health_report
+from services.api.history_link import HistoryLink
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
 from services.api.replies import HealthReport
@@ -22,7 +24,7 @@ from services.api.site_view import site_view
 from services.api.stream import Hub, alert_event, camera_event, revision_event
 from shared.bus import Bus, Delivery
 from shared.http_server import serve
-from shared.messages import Alert, CameraStatus, Erasure, Message, Revision, TrackFrame
+from shared.messages import Alert, CameraStatus, Erasure, ErasureDone, Message, Revision, TrackFrame
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
@@ -49,6 +51,7 @@ class ApiService(Service[ApiSettings]):
         self._presence = Presence()
         self._told: list[str] = []
         self._learning = LearningLink(self.keys, self._ask_once)
+        self._erasures = ErasureBoard()
         self._connected = bus.connected
         self._inbox = bus.inbox(capacity=10_000)
         self._strangers: set[str] = set()
@@ -77,6 +80,7 @@ class ApiService(Service[ApiSettings]):
         inbox.subscribe(self.keys.revisions(), Revision)
         inbox.subscribe(self.keys.alert(), Alert, cached=True)
         inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
+        inbox.subscribe(self.keys.erased(), ErasureDone, cached=True)
         inbox.subscribe(self.keys.camera_status(), CameraStatus, cached=True)
         app = create_app(
             self.settings,
@@ -86,6 +90,8 @@ class ApiService(Service[ApiSettings]):
             self._hub,
             self._health_report,
             self._learning,
+            HistoryLink(self.keys, self._ask_once),
+            self._erasures,
             self._lifespan,
             self._ask_once,
         )
@@ -173,7 +179,10 @@ class ApiService(Service[ApiSettings]):
                 told_anew = self._live.erased.from_revision(message)
                 if told_anew.device:
                     self._hub.send("revision", message.area, message.area, revision_event(told_anew))
+            elif isinstance(message, ErasureDone):
+                self._erasures.take(message)
             elif isinstance(message, Erasure):
+                self._erasures.take(message)
                 self._live.erase(message.device)
                 self._learning.forget()
                 self._hub.drop("revision")

@@ -78,7 +78,8 @@ class ApiSettings(ServiceSettings):
     stream_readers: int = Field(1000, ge=1, le=100_000, description="streams open at once; more are answered 503")
     stale_after: float = Field(3.0, gt=0, le=3600, description="seconds without tracks until health tells of it")
     expected_services: list[str] = Field(
-        ["camera", "gateway", "fusion", "geofence", "learning"], description="services whose absence is a problem"
+        ["camera", "gateway", "fusion", "geofence", "learning", "history"],
+        description="services whose absence is a problem",
     )
 
     @field_validator("api_keys")

@@ -177,6 +177,7 @@ class Demo:
     def _plan(self) -> tuple[list[ProcessSpec], list[ProcessSpec]]:
         database = self._folder / f"{self.site.site}.db"
         models = self._folder / f"{self.site.site}-learning.db"
+        past = self._folder / f"{self.site.site}-history"
         # For a fusion that is killed in mid-run; who was about in the demo before is nobody's business now.
         state = self._folder / f"{self.site.site}-state"
         shutil.rmtree(state, ignore_errors=True)
@@ -204,6 +205,14 @@ class Demo:
             ),
             ("geofence", "services.geofence", {"ATRIUM_STATE_FOLDER": str(state)}),
             ("learning", "services.learning", {"ATRIUM_LEARNING_DATABASE_URL": f"sqlite:///{models}"}),
+            (
+                "history",
+                "services.history",
+                {
+                    "ATRIUM_HISTORY_DATABASE_URL": f"sqlite:///{past}.db",
+                    "ATRIUM_HISTORY_SPOOL": str(past.with_name(past.name + "-spool")),
+                },
+            ),
             ("api", "services.api", {"ATRIUM_API_PORT": str(self.ports.api)}),
         ]
         if self._dashboard:

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from services.cli import calibrate_lens as lens_command
-from services.cli import models
+from services.cli import history, models
 from services.cli import replay as player
 from services.cli.demo import API_KEY, Demo, Ports, SetupWatch, find_site
 from services.cli.launcher import LauncherError
@@ -36,11 +36,12 @@ __all__ = ["app", "main"]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="Who is where, in metres, now.")
 app.add_typer(models.app, name="models")
+app.add_typer(history.app, name="history")
 console = Console(highlight=False)
 
 SiteOption = Annotated[str, typer.Option("--site", help="a shipped site's name, a site file, or its folder")]
 BusOption = Annotated[str, typer.Option("--bus", help="endpoint of the Zenoh router")]
-SERVICES = ("api", "camera", "dashboard", "fusion", "gateway", "geofence", "learning", "simulator")
+SERVICES = ("api", "camera", "dashboard", "fusion", "gateway", "geofence", "history", "learning", "simulator")
 ROUTER_WITHIN = 10.0
 """Seconds a command waits for the router it is told to use."""
 QUIET = ("[info", "[debug")
@@ -214,17 +215,21 @@ def simulate(
 def migrate() -> None:
     """Bring the databases of all services up to date; run once before the services start.
 
-    ATRIUM_DATABASE_URL is the gateway's, ATRIUM_LEARNING_DATABASE_URL learning's, by default the same.
+    ATRIUM_DATABASE_URL is the gateway's; ATRIUM_LEARNING_DATABASE_URL is learning's and ATRIUM_HISTORY_DATABASE_URL
+    history's, by default the same.
     """
     # Only this command needs the libraries of databases.
     from services.gateway.devices.database import migrate as migrate_gateway
     from services.gateway.settings import default_database_url
+    from services.history.database import migrate as migrate_history
+    from services.history.settings import default_history_database_url
     from services.learning.activation.database import migrate as migrate_learning
     from services.learning.settings import default_learning_database_url
 
     try:
         migrate_gateway(default_database_url())
         migrate_learning(default_learning_database_url())
+        migrate_history(default_history_database_url())
     except ServiceError as error:
         console.print(f"[red]{escape(str(error))}[/red]")
         raise typer.Exit(1) from None

@@ -11,8 +11,10 @@ import shapely
 
 from services.api.app import create_app
 from services.api.auth import KeyRing
+from services.api.erasures import ErasureBoard
 from services.api.examples import EXAMPLES
 from services.api.health_report import Presence, health_report
+from services.api.history_link import HistoryLink
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
 from services.api.map_picture import map_svg
@@ -43,7 +45,15 @@ def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: 
     live, hub = LiveState(site, 60.0, 5.0, 10), Hub(10.0, 5.0, 10)
     empty = HealthReport(t=0.0, status="ok", problems=[], services=[], areas=[], cameras=[])
     document = create_app(
-        settings, site, b"{}", live, hub, lambda _: empty, LearningLink(Keys("hall"), lambda *_: None)
+        settings,
+        site,
+        b"{}",
+        live,
+        hub,
+        lambda _: empty,
+        LearningLink(Keys("hall"), lambda *_: None),
+        HistoryLink(Keys("hall"), lambda *_: None),
+        ErasureBoard(),
     ).openapi()
     text = json.dumps(document)
     schemas = document["components"]["schemas"]
