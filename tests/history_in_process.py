@@ -108,5 +108,7 @@ class Teller:
 
 
 def ask(bus: Bus, question: msgspec.Struct) -> HistoryAnswer:
-    (told,) = [answer for _, answer in bus.ask(KEYS.history(), DEADLINE, msgspec.json.encode(question))]
+    """The answer, once it is known on the bus who answers."""
+    payload = msgspec.json.encode(question)
+    (told,) = wait_until(lambda: [a for _, a in bus.ask(KEYS.history(), DEADLINE, payload)], DEADLINE, "an answer")
     return decode_answer(told)

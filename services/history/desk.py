@@ -183,8 +183,8 @@ class Desk:
             return sums[0].nbytes + sums[1].nbytes
 
         of_days = self._by_day(asked, ("heat", asked.floor, asked.cell), bytes_of, of_span)
-        sums = (functools.reduce(np.add, column) for column in zip(*of_days, strict=True))
-        seconds, people = suppressed(*sums, fewest=FEWEST_PEOPLE)
+        seconds, people = (functools.reduce(np.add, column) for column in zip(*of_days, strict=True))
+        seconds, people = suppressed(seconds, people, FEWEST_PEOPLE)
         return HeatMap(
             floor=asked.floor,
             origin=origin,
