@@ -64,8 +64,9 @@ def _zones(random: np.random.Generator) -> tuple[list[list[tuple[float, float]]]
     rings, lines = [], []
     for _ in range(ZONES - LINES):
         middle = random.uniform(3.0, HALL - 3.0)
-        angle = np.sort(random.uniform(0.0, 2.0 * np.pi, 8))
-        rings.append([(float(x), float(y)) for x, y in middle + 2.5 * np.column_stack([np.cos(angle), np.sin(angle)])])
+        round_it = np.sort(random.uniform(0.0, 2.0 * np.pi, 8))
+        corners = middle + 2.5 * np.column_stack([np.cos(round_it), np.sin(round_it)])
+        rings.append([(float(x), float(y)) for x, y in corners])
     for _ in range(LINES):
         middle, angle = random.uniform(3.0, HALL - 3.0), random.uniform(0.0, np.pi)
         half = 2.5 * np.array([np.cos(angle), np.sin(angle)])
