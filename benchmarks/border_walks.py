@@ -32,10 +32,10 @@ RATE = 15.0
 """Positions per second."""
 SIGMA = 0.3
 """Metres, standard deviation of a position along each axis, anew in each."""
-CLEAR = 0.3
-"""Metres beyond a border from which on somebody has clearly crossed it …"""
+CLEAR, CAME = 0.3, 0.6
+"""Metres beyond a border from which on somebody has clearly crossed it, and on this side if they clearly came from …"""
 STAYED = 1.0
-"""… for so many seconds."""
+"""… here for so many seconds."""
 SLACK = 0.1
 """Metres: whoever is no farther outside than this may be told to be inside."""
 LATEST = 2.0
@@ -103,8 +103,10 @@ def loiterers(courses: Sequence[Course], count: int, seconds: float, seed: int) 
     random = np.random.default_rng(seed)
     walks = []
     for _ in range(count):
-        ring = shapely.LinearRing(courses[int(random.integers(len(courses)))].points)
-        at = float(random.uniform(0.0, ring.length))
+        course = courses[int(random.integers(len(courses)))]
+        ring = (shapely.LineString if course.kind == "line" else shapely.LinearRing)(course.points)
+        ends = AT_ENDS if course.kind == "line" else 0.0
+        at = float(random.uniform(ends, ring.length - ends))
         here, there = ring.interpolate(at), ring.interpolate((at + 0.01) % ring.length)
         along = np.array([there.x - here.x, there.y - here.y])
         across = np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-9)
@@ -186,7 +188,7 @@ def _told(index: ZoneIndex, measured: Sequence[Array]) -> dict[tuple[int, int], 
 
 
 def _told_plainly(courses: Sequence[Course], measured: Sequence[Array]) -> dict[tuple[int, int], Events]:
-    """Return the same by asking of each position alone whether it lies in the polygon, of each step if it cuts a line."""
+    """Return the same by asking each position alone if it lies in the polygon, and each step if it cuts the line."""
     told: dict[tuple[int, int], Events] = defaultdict(list)
     for border, course in enumerate(courses):
         shape = shapely.LineString(course.points) if course.kind == "line" else shapely.Polygon(course.points)
@@ -225,10 +227,10 @@ def _truth(course: Course, depth: Array, walk: Array) -> tuple[list[_Clear], int
     stayed = round(STAYED * RATE)
     for start in _runs(depth >= CLEAR, stayed):
         before = depth[since:start]
-        came = bool(_runs(before <= -CLEAR, stayed))
+        came = bool(_runs(before <= -CAME, stayed))
         if clear and not came:
             continue
-        outside, beyond = np.flatnonzero(before <= -CLEAR), np.flatnonzero(before < 0.0)
+        outside, beyond = np.flatnonzero(before <= -CAME), np.flatnonzero(before < 0.0)
         earliest = since + int(outside[-1]) if len(outside) else 0
         crossed = since + int(beyond[-1]) + 1 if len(beyond) else start
         clear.append(_Clear(earliest, crossed, start, came and start - crossed <= WALKS_IN * RATE))
@@ -247,7 +249,7 @@ def _through(course: Course, depth: Array, walk: Array) -> tuple[list[_Clear], i
     side, place = along[0] * offset[:, 1] - along[1] * offset[:, 0], offset @ along
     changes = np.flatnonzero((side[1:] >= 0.0) != (side[:-1] >= 0.0)) + 1
     stayed = round(STAYED * RATE)
-    far = CLEAR if course.kind == "line" else 2.5 * SIGMA + MARGIN
+    far = CAME if course.kind == "line" else 2.5 * SIGMA + MARGIN
     clear = []
     for change in changes.tolist():
         before, after = side[max(change - 3 * stayed, 0) : change], side[change : change + 3 * stayed]

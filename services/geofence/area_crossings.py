@@ -23,7 +23,7 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 
-ENTER_MARGIN = 0.2
+ENTER_MARGIN = 0.1
 """Of the margin: who walks in is told sooner than who walks out, whom nobody wants back a moment later."""
 EXIT_PATIENCE = 1.5
 """Times the least seconds, likewise."""

@@ -30,7 +30,7 @@ Bools = NDArray[np.bool_]
 
 _NARROW = 0.5
 """Of the half width of an area that is the margin's most: who is in the middle of a narrow one is in it."""
-_PASS_SURE = 1.0
+_PASS_SURE = 0.7
 """Standard deviations by which the way through an area may be aside and still lead through."""
 
 

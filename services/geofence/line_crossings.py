@@ -21,6 +21,11 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
+MARGIN = 0.4
+"""Of the margin, on either side: there is no inside that noise should not flicker out of."""
+PATIENCE = 1.5
+"""Times the least seconds: a crossing is told with its own time, and nobody stands on a line to be counted twice."""
+
 
 def advance_lines(
     state: NDArray[Any], new: Bools, pairs: Pairs, frame: Frame, min_seconds: float, depth_before: Floats
@@ -51,16 +56,18 @@ def advance_lines(
     state["x"][cut] = (before_x + share * (frame.x[row] - before_x))[cut]
     state["y"][cut] = (before_y + share * (frame.y[row] - before_y))[cut]
 
+    min_seconds = PATIENCE * min_seconds
     side = state["side"].astype(float)
     seconds = np.where(frame.known[row], frame.t - before_t, 0.0)
-    beyond = np.where(side == 0.0, pairs.depth, -side * pairs.depth) - pairs.margin
+    margin = MARGIN * pairs.margin
+    beyond = np.where(side == 0.0, pairs.depth, -side * pairs.depth) - margin
     sigma = np.maximum(pairs.sigma, 1e-9)
     state["evidence"] = gathered(state["evidence"], beyond / sigma - pairs.demand, seconds, min_seconds)
     turns = state["evidence"] >= 1.0
     told = turns & (state["net"] * side > 0.0)
     forward, backward = np.flatnonzero(told & (side > 0.0)), np.flatnonzero(told & (side < 0.0))
     nowhere = side == 0.0
-    right = (-pairs.depth - pairs.margin) / sigma - pairs.demand
+    right = (-pairs.depth - margin) / sigma - pairs.demand
     state["away"] = np.where(nowhere, gathered(state["away"], right, seconds, min_seconds), 0.0)
     state["side"] = np.where(turns, np.where(nowhere, 1, -side), np.where(state["away"] >= 1.0, -1, side))
     settled = turns | (nowhere & (state["side"] != 0))

@@ -32,10 +32,11 @@ PAIR = np.dtype(
 )
 """The state of one pair; ``code``: slot times borders plus border, by which they are sorted.
 
-``side``: 1 inside of an area or left of a line, -1 outside or right, 0 at first on neither side of a line. ``evidence`` of being on the other side by now,
-and ``t``, ``x``, ``y``: since when and from where (of a line: where it was crossed last). ``touched``, of areas: since
-``anchor``, when the track was last surely outside, it or a step of its lay inside. ``away``: evidence of being outside since then, or at first right of a line. ``net``, of lines: how often it was
-crossed from left to right, less how often back.
+``side``: 1 inside of an area or left of a line, -1 outside or right, 0 at first on neither side of a line.
+``evidence`` of being on the other side by now, and ``t``, ``x``, ``y``: since when and from where (of a line: where it
+was crossed last). ``touched``, of areas: since ``anchor``, when the track was last surely outside, it or a step of its
+lay inside. ``away``: evidence of being outside since then, or at first of being right of a line. ``net``, of lines: how
+often it was crossed from left to right, less how often back.
 """
 
 

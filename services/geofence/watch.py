@@ -32,6 +32,8 @@ Ints = NDArray[np.int64]
 
 SURE = 2.45
 """Standard deviations of the radius within which somebody is with 95 %, in two dimensions."""
+LEAST_SPREAD = 0.1
+"""Metres, standard deviation that every position has besides its own: cameras are not calibrated better than that."""
 RECENT = 60.0
 """Seconds for which what happened is kept, should it turn out whose phone it was."""
 MOST_RECENT = 5000
@@ -106,7 +108,7 @@ class Watch:
             sighting.y[well],
             former if not len(rest) else [former[row] for row in well.tolist()],
             track[rest],
-            sighting.covariance[well],
+            sighting.covariance[well] + LEAST_SPREAD**2 * np.array([1.0, 0.0, 1.0]),
         )
         changed = people.take(sighting)
         told = [one for crossing in happened for one in self._take(area, crossing)]

@@ -250,7 +250,7 @@ class ZoneIndex:
         square = (dx - share * ux) ** 2 + (dy - share * uy) ** 2
         if len(starts) == len(edge):
             return np.copysign(np.sqrt(square), facing), edge
-        score = square - _TIE * np.minimum(np.abs(facing), 1.0)
+        score = square - _TIE * np.abs(facing) / (1.0 + np.abs(facing))
         size = np.diff(np.append(starts, len(edge)))
         best = np.flatnonzero(score == np.repeat(np.minimum.reduceat(score, starts), size))
         group = np.repeat(np.arange(len(starts)), size)[best]
