@@ -33,7 +33,7 @@ class DashboardSettings(ServiceSettings):
     )
     api_key: SecretStr = Field(
         SecretStr("demo-api-key"),
-        description="key of the API with which the dashboard reads, and changes what its pages can; browsers never see it",
+        description="key of the API with which the dashboard reads and changes; browsers never see it",
     )
     dashboard_password: SecretStr = Field(
         SecretStr(""), description="what people type to see the map; empty: open to everybody, in the demo only"
