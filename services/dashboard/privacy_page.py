@@ -37,7 +37,7 @@ _BODY = """
 </section>
 <section class="card wide" aria-labelledby="kept-heading">
   <h2 id="kept-heading">What is kept, and for how long</h2>
-  <div class="scroll"><table>
+  <div class="scroll"><table class="kept">
     <thead><tr><th scope="col">What</th><th scope="col">How long</th><th scope="col">Setting</th></tr></thead>
     <tbody>
       <tr><th scope="row">Pictures</th>

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from services.dashboard.health_page import add_health_page
-from services.dashboard.inbox_page import add_inbox_page
 from services.dashboard.learning_client import LearningClient
 from services.dashboard.learning_page import add_learning_page
 from services.dashboard.page import add_page
-from services.dashboard.pass_through import pass_through
-from services.dashboard.privacy_page import add_privacy_page
+from services.dashboard.pages import add_pages
 from services.dashboard.relay import Relay
 from services.dashboard.sessions import AttemptLimit, Sessions
 from services.dashboard.settings import DashboardSettings
 from services.dashboard.setup_pages import add_setup_pages
 from services.dashboard.setup_relay import add_setup_relay
-from services.dashboard.visits_page import add_visits_page
 from services.dashboard.web_app import build_web_app
-from services.dashboard.zones_page import add_zones_page
 from shared.bus import Bus
 from shared.http_server import serve
 from shared.runner import Health, Service
@@ -57,17 +52,13 @@ class DashboardService(Service[DashboardSettings]):
             settings.dashboard_password.get_secret_value(), settings.api_key.get_secret_value(), settings.session_hours
         )
         app = build_web_app(self._relay, sessions, AttemptLimit(), started=self.health.ready.set)
-        app.include_router(pass_through(settings.api_url, settings.api_key.get_secret_value()))
         title, can_sign_out = self.site.name or self.site.site, not sessions.open
-        learning = LearningClient(settings.api_url, settings.api_key.get_secret_value())
+        api_key = settings.api_key.get_secret_value()
+        add_pages(app, settings.api_url, api_key, title, can_sign_out, self.site.time_zone)
+        learning = LearningClient(settings.api_url, api_key)
         add_learning_page(learning, title, can_sign_out, self._access_points())
-        add_setup_relay(app, settings.api_url, settings.api_key.get_secret_value())
+        add_setup_relay(app, settings.api_url, api_key)
         add_setup_pages(title, can_sign_out)
-        add_inbox_page(title, can_sign_out)
-        add_visits_page(title, can_sign_out, self.site.time_zone)
-        add_zones_page(title, can_sign_out)
-        add_health_page(title, can_sign_out)
-        add_privacy_page(title, can_sign_out)
         add_page(app, title, can_sign_out)
         serve(app, settings.dashboard_host, settings.dashboard_port, self.stopping)
 
