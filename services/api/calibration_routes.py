@@ -125,7 +125,7 @@ def calibration_routes(
         order = await read_body(request, CalibrationTry, LARGEST)
 
         def work() -> CalibrationTrial:
-            lens = lens_of(desk, camera, order.image_size) if order.use_lens else None
+            lens = lens_of(desk, named, order.image_size) if order.use_lens else None
             floor = site.floor(site.area(named.area).floor)
             try:
                 image, plan = all_pairs(order)

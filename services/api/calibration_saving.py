@@ -31,8 +31,7 @@ def save_calibration(
 ) -> CalibrationSaved:
     """Try the pairs once more, so that nothing is stored that the next start would refuse, and store the used ones."""
     attempt = CalibrationTry(image_size=order.image_size, pairs=order.pairs)
-    kept = desk.read().cameras.get(camera.id)
-    lens = kept.lens if kept is not None and order.use_lens else None
+    lens = _known_lens(desk, camera) if order.use_lens else None
     floor = site.floor(site.area(camera.area).floor)
     try:
         image, plan = all_pairs(attempt)
@@ -100,21 +99,28 @@ def calibration_view(site: Site, desk: SetupDesk, camera: Camera) -> Calibration
         image_size=size,
         pairs=pairs,
         area_of_interest=kept.area_of_interest if told else camera.area_of_interest,
-        lens=kept.lens is not None or (isinstance(geometry, PointsGeometry) and geometry.lens is not None),
+        lens=_known_lens(desk, camera) is not None,
         saved=kept.saved if kept.geometry is not None else None,
         by=kept.by,
         pending=desk.pending(camera, kept),
     )
 
 
-def lens_of(desk: SetupDesk, camera: str, image_size: tuple[int, int]) -> LensModel | None:
+def lens_of(desk: SetupDesk, camera: Camera, image_size: tuple[int, int]) -> LensModel | None:
     """Return a camera's lens for pictures of this size, None where it was never calibrated.
 
     Raises:
         ProblemError: it is of pictures of other proportions.
     """
-    kept = desk.read().cameras.get(camera)
-    return None if kept is None or kept.lens is None else _fitting(kept.lens, image_size)
+    lens = _known_lens(desk, camera)
+    return None if lens is None else _fitting(lens, image_size)
+
+
+def _known_lens(desk: SetupDesk, camera: Camera) -> Lens | None:
+    """The newest: of a clip, else of what was saved, else of the site file."""
+    kept = desk.read().cameras.get(camera.id, CameraSetup())
+    geometry = kept.geometry or camera.geometry
+    return kept.lens or (geometry.lens if isinstance(geometry, PointsGeometry) else None)
 
 
 def _fitting(lens: Lens, image_size: tuple[int, int]) -> LensModel:

@@ -18,6 +18,9 @@ from services.camera.still_desk import StillDesk
 from shared.bus import Bus, router
 from shared.keys import Keys
 from shared.site import CameraGeometry, load_site
+from shared.site.setup_change import change_setup
+from shared.site.setup_file import CameraSetup
+from shared.site.site_file import Lens
 
 KEYS = [
     {"name": "installer", "key": "the-key-of-the-installer", "scopes": ["site", "stills", "setup"]},
@@ -192,6 +195,32 @@ def test_what_is_saved_is_what_the_next_start_reads(system: System) -> None:
     system.post(path, {**order, "area_of_interest": None})
     assert load_site(system.site_file).camera(SHUT).area_of_interest is None
     assert (system.folder / "site.setup.1.yaml").is_file()
+
+
+def test_a_lens_that_was_calibrated_is_used_and_saved_with_the_pairs(system: System) -> None:
+    lens = {"image_size": [320, 240], "focal": [240, 240], "centre": [160, 120], "k1": -0.2, "k2": 0.04}
+    bent = Lens.model_validate(lens).model(SIZE)
+    camera = CameraGeometry(SIZE, bent.focal, bent.centre, TRUE.rotation, TRUE.translation, radial=bent.radial)
+    places = camera.to_ground(PIXELS)
+    order = {
+        "image_size": SIZE,
+        "pairs": [{"pixel": u.tolist(), "place": x.tolist()} for u, x in zip(PIXELS, places, strict=True)],
+    }
+    straight = system.post(f"/cameras/{OPEN}/calibration/try", order)
+    assert not straight["lens"]
+    entry = CameraSetup.model_validate({"lens": lens})
+    change_setup(system.site_file, lambda now: now.model_copy(update={"cameras": {**now.cameras, OPEN: entry}}))
+    told = system.post(f"/cameras/{OPEN}/calibration/try", order)
+    assert told["lens"]
+    assert told["median_metres"] < 0.001
+    assert told["median_metres"] < 0.1 * straight["median_metres"]
+    assert not system.post(f"/cameras/{OPEN}/calibration/try", {**order, "use_lens": False})["lens"]
+    system.post(f"/cameras/{OPEN}/calibration", order)
+    saved = load_site(system.site_file).camera(OPEN).geometry.build()
+    assert saved.radial == (-0.2, 0.04)
+    assert np.allclose(saved.to_ground(PIXELS), places, atol=1e-3)
+    square = {**order, "image_size": [640, 640]}
+    assert "the proportions differ" in system.post(f"/cameras/{OPEN}/calibration/try", square, 422)["detail"]
 
 
 def test_access_points_are_placed_and_put_back(system: System) -> None:
