@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
-import numpy as np
 from fastapi import APIRouter, Query, Request
-from pydantic import ValidationError
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from services.api.audit_hook import audit
 from services.api.auth import Holder
-from services.api.bodies import described_body, invalid, read_body
+from services.api.bodies import described_body, read_body
 from services.api.calibration_replies import (
     CALIBRATION_EXAMPLES,
     BoardCorners,
@@ -27,11 +25,18 @@ from services.api.calibration_replies import (
     CalibrationTrial,
     CalibrationTry,
     CalibrationView,
-    Pair,
     Placement,
     Placements,
     PlacementSave,
     StillOpened,
+)
+from services.api.calibration_saving import (
+    calibration_view,
+    check_inside,
+    lens_of,
+    save_calibration,
+    saved,
+    unfit,
 )
 from services.api.calibration_trial import all_pairs, try_pairs
 from services.api.camera_link import CameraLink
@@ -42,9 +47,7 @@ from services.api.settings import Scope
 from services.api.setup_desk import SetupDesk
 from shared.keys import Keys
 from shared.site import Camera, Site
-from shared.site.camera_geometry import GeometryError, LensModel
-from shared.site.setup_file import CameraSetup
-from shared.site.site_file import Lens, PointsGeometry, TsaiGeometry
+from shared.site.camera_geometry import GeometryError
 
 __all__ = ["calibration_routes"]
 
@@ -109,7 +112,7 @@ def calibration_routes(
     @router.get("/cameras/{camera}/calibration", responses=documented(CalibrationView, 404, 409))
     def calibration(camera: str) -> Response:
         """How a camera is calibrated: as saved in the browser, or else as the site file says."""
-        return _json(_view(site, desk, _camera(site, camera)))
+        return _json(calibration_view(site, desk, _camera(site, camera)))
 
     @router.post(
         "/cameras/{camera}/calibration/try",
@@ -122,14 +125,14 @@ def calibration_routes(
         order = await read_body(request, CalibrationTry, LARGEST)
 
         def work() -> CalibrationTrial:
-            lens = _lens(desk, camera, order.image_size) if order.use_lens else None
+            lens = lens_of(desk, named, order.image_size) if order.use_lens else None
             floor = site.floor(site.area(named.area).floor)
             try:
                 image, plan = all_pairs(order)
-                _inside(image, order.image_size)
+                check_inside(image, order.image_size)
                 return try_pairs(camera, floor, order.image_size, image, plan, lens)
             except (GeometryError, ValueError) as error:
-                raise _unfit(str(error)) from error
+                raise unfit(str(error)) from error
 
         return _json(await run_in_threadpool(work))
 
@@ -146,7 +149,7 @@ def calibration_routes(
 
         def work() -> CalibrationSaved:
             with _audited(request, "save calibration", camera):
-                return _save(site, desk, learning, named, order, _name(request))
+                return save_calibration(site, desk, learning, named, order, _name(request))
 
         return _json(await run_in_threadpool(work))
 
@@ -188,120 +191,11 @@ def calibration_routes(
                 version = desk.place(order.positions, _name(request))
             floors = {known[name].floor for name in order.positions}
             areas = [area.id for area in site.areas if area.floor in floors]
-            return _saved(version, [f"fusion of {area}" for area in areas], [])
+            return saved(version, [f"fusion of {area}" for area in areas], [])
 
         return _json(await run_in_threadpool(work))
 
     return router
-
-
-def _save(
-    site: Site, desk: SetupDesk, learning: LearningLink, camera: Camera, order: CalibrationSave, by: str
-) -> CalibrationSaved:
-    """Try the pairs once more, so that nothing is stored that the next start would refuse, and store the used ones."""
-    attempt = CalibrationTry(image_size=order.image_size, pairs=order.pairs)
-    saved = desk.read().cameras.get(camera.id)
-    lens = saved.lens if saved is not None and order.use_lens else None
-    floor = site.floor(site.area(camera.area).floor)
-    try:
-        image, plan = all_pairs(attempt)
-        _inside(image, order.image_size)
-        model = None if lens is None else _fitting(lens, order.image_size)
-        trial = try_pairs(camera.id, floor, order.image_size, image, plan, model)
-        used = np.array([pair.used for pair in trial.pairs])
-        geometry = PointsGeometry.model_validate(
-            {
-                "kind": "points",
-                "image_size": order.image_size,
-                "image": image[used].tolist(),
-                "plan": plan[used].tolist(),
-                "lens": lens,
-            }
-        )
-        interest = CameraSetup.model_validate({"area_of_interest": order.area_of_interest}).area_of_interest
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(step) for step in first["loc"])
-        raise invalid(field, str(first["msg"]), "a polygon in the picture that does not cross itself") from error
-    except (GeometryError, ValueError) as error:
-        raise _unfit(str(error)) from error
-    version = desk.save_camera(camera.id, geometry, interest, by)
-    return _saved(version, [f"camera {camera.id}", f"fusion of {camera.area}"], _learned(learning, camera.id))
-
-
-def _saved(version: int, first: list[str], further: list[str]) -> CalibrationSaved:
-    restart = [*first, "learning", "api"]
-    words = [
-        f"Saved. In use once these are started again: {', '.join(restart)} (atrium demo does so by itself).",
-        *further,
-    ]
-    return CalibrationSaved(words=" ".join(words), version=version, restart=restart)
-
-
-def _learned(learning: LearningLink, camera: str) -> list[str]:
-    """Tell of a correction that was learned for the calibration that is replaced."""
-    try:
-        report = learning.report()
-    except ProblemError:
-        return []
-    if any(one.camera == camera and one.alignment == "corrected" for one in report.cameras):
-        return [
-            f"A correction that was learned for the old calibration of {camera} is still laid over it: "
-            "roll back its alignment on the learning page."
-        ]
-    return []
-
-
-def _view(site: Site, desk: SetupDesk, camera: Camera) -> CalibrationView:
-    saved = desk.read().cameras.get(camera.id, CameraSetup())
-    geometry = saved.geometry or camera.geometry
-    pairs = []
-    if isinstance(geometry, PointsGeometry):
-        pairs = [Pair(pixel=pixel, place=place) for pixel, place in zip(geometry.image, geometry.plan, strict=True)]
-    size = geometry.build().image_size if isinstance(geometry, TsaiGeometry) else geometry.image_size
-    told = saved.area_of_interest is not None or saved.whole_picture
-    return CalibrationView(
-        camera=camera.id,
-        floor=site.area(camera.area).floor,
-        kind=geometry.kind,
-        image_size=size,
-        pairs=pairs,
-        area_of_interest=saved.area_of_interest if told else camera.area_of_interest,
-        lens=saved.lens is not None or (isinstance(geometry, PointsGeometry) and geometry.lens is not None),
-        saved=saved.saved if saved.geometry is not None else None,
-        by=saved.by,
-        pending=desk.pending(camera, saved),
-    )
-
-
-def _lens(desk: SetupDesk, camera: str, image_size: tuple[int, int]) -> LensModel | None:
-    saved = desk.read().cameras.get(camera)
-    return None if saved is None or saved.lens is None else _fitting(saved.lens, image_size)
-
-
-def _fitting(lens: Lens, image_size: tuple[int, int]) -> LensModel:
-    if abs(lens.image_size[0] * image_size[1] / (lens.image_size[1] * image_size[0]) - 1.0) > 0.02:
-        raise _unfit(
-            f"the lens was calibrated with pictures of {lens.image_size[0]} x {lens.image_size[1]}, these are "
-            f"{image_size[0]} x {image_size[1]}: the proportions differ; calibrate it anew, or do without it (use_lens)"
-        )
-    return lens.model(image_size)
-
-
-def _inside(image: np.ndarray, image_size: tuple[int, int]) -> None:
-    """Refuse pixels outside of the picture."""
-    outside = np.flatnonzero(~((image >= -0.5) & (image <= np.array(image_size) - 0.5)).all(axis=1))
-    if len(outside):
-        u, v = image[outside[0]]
-        raise ValueError(
-            f"pair {outside[0] + 1}: ({u:g}, {v:g}) lies outside the {image_size[0]} x {image_size[1]} picture"
-        )
-
-
-def _unfit(words: str) -> ProblemError:
-    return ProblemError(
-        Problem(type="urn:atrium:no-calibration", title="No calibration", status=422, detail=words, field="pairs")
-    )
 
 
 def _camera(site: Site, camera: str) -> Camera:

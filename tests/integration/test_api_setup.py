@@ -10,14 +10,22 @@ import cv2
 import httpx
 import numpy as np
 import pytest
+import schemathesis
 import yaml
 from conftest import unused_port
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.errors import Unsatisfiable
+from schemathesis.generation import GenerationMode
 from service_process import process
 
 from services.camera.still_desk import StillDesk
 from shared.bus import Bus, router
 from shared.keys import Keys
 from shared.site import CameraGeometry, load_site
+from shared.site.setup_change import change_setup
+from shared.site.setup_file import CameraSetup
+from shared.site.site_file import Lens
 
 KEYS = [
     {"name": "installer", "key": "the-key-of-the-installer", "scopes": ["site", "stills", "setup"]},
@@ -194,6 +202,32 @@ def test_what_is_saved_is_what_the_next_start_reads(system: System) -> None:
     assert (system.folder / "site.setup.1.yaml").is_file()
 
 
+def test_a_lens_that_was_calibrated_is_used_and_saved_with_the_pairs(system: System) -> None:
+    lens = {"image_size": [320, 240], "focal": [240, 240], "centre": [160, 120], "k1": -0.2, "k2": 0.04}
+    bent = Lens.model_validate(lens).model(SIZE)
+    camera = CameraGeometry(SIZE, bent.focal, bent.centre, TRUE.rotation, TRUE.translation, radial=bent.radial)
+    places = camera.to_ground(PIXELS)
+    order = {
+        "image_size": SIZE,
+        "pairs": [{"pixel": u.tolist(), "place": x.tolist()} for u, x in zip(PIXELS, places, strict=True)],
+    }
+    straight = system.post(f"/cameras/{OPEN}/calibration/try", order)
+    assert not straight["lens"]
+    entry = CameraSetup.model_validate({"lens": lens})
+    change_setup(system.site_file, lambda now: now.model_copy(update={"cameras": {**now.cameras, OPEN: entry}}))
+    told = system.post(f"/cameras/{OPEN}/calibration/try", order)
+    assert told["lens"]
+    assert told["median_metres"] < 0.001
+    assert told["median_metres"] < 0.1 * straight["median_metres"]
+    assert not system.post(f"/cameras/{OPEN}/calibration/try", {**order, "use_lens": False})["lens"]
+    system.post(f"/cameras/{OPEN}/calibration", order)
+    saved = load_site(system.site_file).camera(OPEN).geometry.build()
+    assert saved.radial == (-0.2, 0.04)
+    assert np.allclose(saved.to_ground(PIXELS), places, atol=1e-3)
+    square = {**order, "image_size": [640, 640]}
+    assert "the proportions differ" in system.post(f"/cameras/{OPEN}/calibration/try", square, 422)["detail"]
+
+
 def test_access_points_are_placed_and_put_back(system: System) -> None:
     before = {point["id"]: point for point in system.get("/access-points")["access_points"]}
     assert before["ap-1"]["saved"] is None
@@ -205,3 +239,34 @@ def test_access_points_are_placed_and_put_back(system: System) -> None:
     assert system.post("/access-points", {"positions": {"'; drop": [1, 2, 3]}}, 404)["title"] == "Unknown access point"
     assert system.post("/access-points", {"positions": {}}, 422)["field"] == "positions"
     assert system.post("/access-points", {"positions": {"ap-1": [1, 2, 3]}}, 403, "the-key-of-a-reader")
+
+
+def test_nothing_generated_from_the_page_of_the_set_up_breaks_it(system: System) -> None:
+    page = schemathesis.openapi.from_dict(system.http.get("../openapi.json").json())
+    tried = set()
+    for result in page.get_all_operations():
+        operation = result.ok()
+        if "set-up" not in operation.tags:
+            continue
+        tried.add((operation.method, operation.path))
+        for mode in (GenerationMode.POSITIVE, GenerationMode.NEGATIVE):
+            try:
+                cases = operation.as_strategy(generation_mode=mode)
+
+                @settings(max_examples=8, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+                @given(cases, st.sampled_from([OPEN, SHUT, None]))
+                def send(case: schemathesis.Case, camera: str | None) -> None:
+                    if camera is not None and "camera" in case.path_parameters:
+                        case.path_parameters["camera"] = camera
+                    address = str(system.http.base_url).removesuffix("/v1/")
+                    answer = case.call(base_url=address, headers={"X-API-Key": "the-key-of-the-installer"})
+                    # Nobody answers for this camera, and that is what is said.
+                    silent = answer.status_code == 503 and "does not run or answer" in answer.json()["detail"]
+                    assert answer.status_code < 500 or silent, answer.text
+                    if answer.status_code >= 400:
+                        assert answer.json()["status"] == answer.status_code
+
+                send()
+            except Unsatisfiable:
+                continue  # what has no inputs has no wrong ones
+    assert len(tried) == 8
