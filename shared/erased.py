@@ -74,5 +74,6 @@ class Erased:
         return msgspec.structs.replace(revision, **columns)
 
     def from_alert(self, alert: Alert) -> Alert:
-        """Return the alert without an erased device."""
-        return msgspec.structs.replace(alert, device=None) if alert.device in self._devices else alert
+        """Return the alert without erased devices."""
+        gone = {name: None for name in ("device", "other_device") if getattr(alert, name) in self._devices}
+        return msgspec.structs.replace(alert, **gone) if gone else alert

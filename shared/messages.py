@@ -24,6 +24,7 @@ __all__ = [
     "DetectionFrame",
     "DetectorSettings",
     "Erasure",
+    "ErasureDone",
     "HeadingModel",
     "InertialColumns",
     "Message",
@@ -419,6 +420,13 @@ class Erasure(Message, frozen=True, kw_only=True):
     """A device's consent was withdrawn: everybody forgets which track it was on, from now on."""
 
     device: str
+
+
+class ErasureDone(Message, frozen=True, kw_only=True):
+    """A store has nothing more of a device whose consent was withdrawn; ``t``: when that was so."""
+
+    device: str
+    service: str
 
 
 M = TypeVar("M", bound=Message)

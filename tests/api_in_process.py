@@ -1,5 +1,6 @@
 """One api service in this process, on a real bus and a real port."""
 
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -18,7 +19,12 @@ DEADLINE = 15.0
 @contextmanager
 def running(site: Site, project: Path, endpoint: str, port: int, **changes: object) -> Iterator[str]:
     """One api service, in this process, until the block ends; yields its address."""
-    changes = {"stream_keep_alive": 0.3} | changes
+    with tempfile.TemporaryDirectory() as folder:
+        changes = {"stream_keep_alive": 0.3, "alerts_database_url": f"sqlite:///{folder}/alerts.db"} | changes
+        yield from _running(site, project, endpoint, port, changes)
+
+
+def _running(site: Site, project: Path, endpoint: str, port: int, changes: dict[str, object]) -> Iterator[str]:
     settings = ApiSettings(
         site_file=project / "deploy/sites/hall/site.yaml",
         profile="demo",

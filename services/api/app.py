@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
-from fastapi import APIRouter, FastAPI, Query, Request
+from fastapi import APIRouter, FastAPI, Query
 from fastapi_offline import FastAPIOffline
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
-from starlette.responses import RedirectResponse, Response, StreamingResponse
+from starlette.responses import RedirectResponse, Response
 
+from services.api.alerts.office import AlertOffice
 from services.api.auth import Guard, KeyRing
 from services.api.hot_reads import HotReads
 from services.api.learning_link import LearningLink
@@ -21,10 +22,9 @@ from services.api.learning_maps import learning_maps
 from services.api.learning_orders import learning_orders
 from services.api.learning_reads import learning_reads
 from services.api.live_state import LiveState
-from services.api.openapi import describe, documented, error
-from services.api.problems import Problem, ProblemError, tell_problems, unknown
+from services.api.openapi import describe, documented
+from services.api.problems import tell_problems, unknown
 from services.api.replies import (
-    Alerts,
     Cameras,
     HealthReport,
     Position,
@@ -34,26 +34,11 @@ from services.api.replies import (
     Zones,
 )
 from services.api.settings import ApiSettings
-from services.api.stream import Hub, alert_event, camera_event, tracks_event
+from services.api.stream import Hub
+from services.api.stream_routes import streams
 from shared.site import Site
 
 __all__ = ["create_app"]
-
-_STREAM: dict[int | str, dict[str, Any]] = {
-    200: {
-        "description": "Events `tracks` (TrackColumns), `revision` (Revision), `alert` (Alert) and `camera` "
-        "(CameraReport), until you leave.",
-        "content": {
-            "text/event-stream": {
-                "schema": {"type": "string"},
-                "example": 'event: tracks\ndata: {"area":"hall","t":1767225600.2,"floor":["ground"],"track":[12],'
-                '"x":[9.41],"y":[3.2],"vx":[0.9],"vy":[0.1],"state":["confirmed"],"device":["d-7f3a"],'
-                '"probability":[0.97],"accuracy":[0.12]}\n\n',
-            }
-        },
-    },
-    **{status: error(status) for status in (401, 403, 404, 503)},
-}
 
 
 def create_app(
@@ -64,6 +49,7 @@ def create_app(
     hub: Hub,
     health: Callable[[float], HealthReport],
     learning: LearningLink,
+    alerts: AlertOffice,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
 ) -> FastAPI:
     """Return the application.
@@ -73,9 +59,10 @@ def create_app(
         site: to check ids that clients name.
         site_json: the ready body of ``GET /v1/site``.
         live: what is true now.
-        hub: where stream readers join.
+        hub: where stream readers join; it is told of acknowledgements.
         health: makes the health report of one moment.
         learning: asks the learning service.
+        alerts: the inbox and the webhooks.
         lifespan: runs around the life of the server.
     """
     sources: dict[str, Callable[[float], bytes]] = {
@@ -96,8 +83,9 @@ def create_app(
     tell_problems(app)
     describe(app)
     app.include_router(_reads(site, site_json, live, health))
-    app.include_router(_stream(site, live, hub))
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
+        app.include_router(router)
+    for router in (streams(site, live, hub, settings.stream_patience), *alerts.routers(hub)):
         app.include_router(router)
 
     @app.get("/", include_in_schema=False)
@@ -114,7 +102,6 @@ def _json(body: bytes) -> Response:
 def _reads(site: Site, site_json: bytes, live: LiveState, health: Callable[[float], HealthReport]) -> APIRouter:
     router = APIRouter(prefix="/v1", default_response_class=Response)
     areas = [area.id for area in site.areas]
-    zones = [zone.id for zone in site.zones]
 
     @router.get("/positions", tags=["positions"], responses=documented(Positions))
     async def positions() -> Response:
@@ -141,30 +128,6 @@ def _reads(site: Site, site_json: bytes, live: LiveState, health: Callable[[floa
         """The zones and how many people are in each now."""
         return _json(live.zones_json(time.time()))
 
-    @router.get("/alerts", tags=["zones"], responses=documented(Alerts, 404, 422))
-    async def alerts(
-        since: Annotated[
-            float | None, Query(allow_inf_nan=False, description="only alerts measured after this time")
-        ] = None,
-        zone: Annotated[str | None, Query(description="only this zone")] = None,
-        limit: Annotated[int, Query(ge=1, le=1000, description="at most this many")] = 100,
-        after: Annotated[
-            str | None,
-            Query(
-                description="only alerts that came after the one of this id, first come first; empty: from the first"
-            ),
-        ] = None,
-    ) -> Response:
-        """Who entered and left which zone, newest first; with after, in the order they came, so that none is missed."""
-        if zone is not None and zone not in zones:
-            raise unknown("zone", zone, zones)
-        if after is not None:
-            try:
-                return _json(msgspec.json.encode(live.alerts_from(time.time(), after, since, zone, limit)))
-            except KeyError:
-                raise unknown("after", after, ["the id of an alert that is still held", "nothing"]) from None
-        return _json(msgspec.json.encode(live.alerts(time.time(), since, zone, limit)))
-
     @router.get("/site", tags=["site"], responses=documented(SiteView))
     async def site_view() -> Response:
         """What a map needs: floors, areas, cameras and what they see, access points, zones."""
@@ -179,56 +142,5 @@ def _reads(site: Site, site_json: bytes, live: LiveState, health: Callable[[floa
     async def health_now() -> Response:
         """Whether everything works, and what does not, in plain words."""
         return _json(msgspec.json.encode(health(time.time())))
-
-    return router
-
-
-def _stream(site: Site, live: LiveState, hub: Hub) -> APIRouter:
-    router = APIRouter(prefix="/v1", default_response_class=Response)
-    areas = [area.id for area in site.areas]
-
-    @router.get("/stream", tags=["stream"], responses=_STREAM)
-    async def stream(
-        request: Request, area: Annotated[str | None, Query(description="only this area")] = None
-    ) -> StreamingResponse:
-        """Server-sent events: the present state first, then every change.
-
-        An event "tracks" comes once per frame of an area, at most ten times a second; a slow reader gets the newest.
-        A "revision" replaces what was told of some devices' last seconds.
-        An "alert" needs a key with the scope alerts, a "camera" one with the scope site. Send Last-Event-ID to be told
-        the alerts after that one.
-        """
-        if area is not None and area not in areas:
-            raise unknown("area", area, areas)
-        if hub.full:
-            raise ProblemError(
-                Problem(
-                    type="urn:atrium:too-many-streams",
-                    title="Too many streams",
-                    status=503,
-                    detail="as many streams are open as this server takes; try again later",
-                ),
-                {"Retry-After": "5"},
-            )
-        scopes = request.state.holder.scopes
-        allowed = {"tracks": "positions", "revision": "positions", "alert": "alerts", "camera": "site"}
-        reader = hub.join(frozenset(event for event, scope in allowed.items() if scope in scopes), area)
-        for report in live.cameras(time.time()):
-            reader.offer("camera", report.camera, report.area, camera_event(report))
-        for alert in live.alerts_after(request.headers.get("last-event-id", "")):
-            reader.offer("alert", alert.zone, alert.area, alert_event(alert))
-        for frame in live.frames():
-            reader.offer("tracks", frame.area, frame.area, tracks_event(frame))
-
-        async def events() -> AsyncIterator[bytes]:
-            try:
-                async for chunk in reader.events():
-                    yield chunk
-            finally:
-                hub.leave(reader)
-
-        return StreamingResponse(
-            events(), media_type="text/event-stream", headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        )
 
     return router

@@ -27,15 +27,19 @@ OPEN_FOLDER = "/static-offline-docs/"
 SCOPES: dict[str, Scope] = {
     "positions": "positions",
     "tracks": "positions",
-    "stream": "positions",
     "alerts": "alerts",
     "zones": "site",
     "site": "site",
     "cameras": "site",
     "health": "health",
     "learning": "learning",
+    "webhooks": "webhooks",
 }
-"""The scope that the first part of a path below ``/v1/`` asks for."""
+"""The scope that the first part of a path below ``/v1/`` asks for. Streams are not listed: each of their events
+asks for one of its own."""
+CHANGES: dict[Scope, Scope] = {"learning": "learning-admin", "alerts": "acknowledge"}
+"""Where it takes another scope to change something than to read it."""
+READS = frozenset({"GET", "HEAD", "OPTIONS"})
 ADMIN_READS = frozenset({"/v1/learning/export"})
 """Reads that take all models out of the house."""
 
@@ -130,7 +134,7 @@ def _refusal(connection: Connection, presented: bytes | None, holder: Holder | N
             type="urn:atrium:forbidden",
             title="Scope missing",
             status=403,
-            detail=f"this key may not {'change learning' if needed == 'learning-admin' else 'read ' + needed}",
+            detail=f"this key may not {_MEANS.get(needed, 'read ' + needed)}",
             field="Authorization",
             found=f"a key with the scopes {', '.join(sorted(holder.scopes)) or 'none'}",
             allowed=f"a key with the scope {needed}",
@@ -138,11 +142,18 @@ def _refusal(connection: Connection, presented: bytes | None, holder: Holder | N
     return None
 
 
+_MEANS: dict[Scope, str] = {
+    "learning-admin": "change learning",
+    "acknowledge": "acknowledge alerts",
+    "webhooks": "see or change webhooks",
+}
+
+
 def _needed_scope(path: str, method: str) -> Scope | None:
     parts = path.split("/", 3)
     scope = SCOPES.get(parts[2]) if len(parts) > 2 and parts[1] == "v1" else None
-    if scope == "learning" and (method not in ("GET", "HEAD", "OPTIONS") or path in ADMIN_READS):
-        return "learning-admin"
+    if scope in CHANGES and (method not in READS or path in ADMIN_READS):
+        return CHANGES[scope]
     return scope
 
 

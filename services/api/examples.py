@@ -6,8 +6,9 @@ from typing import Any
 
 import msgspec
 
+from services.api.alerts.examples import ALERT_EXAMPLES
 from services.api.learning_examples import LEARNING_EXAMPLES
-from services.api.replies import Alerts, Cameras, HealthReport, Position, Positions, SiteView, Tracks, Zones
+from services.api.replies import Cameras, HealthReport, Position, Positions, SiteView, Tracks, Zones
 
 __all__ = ["EXAMPLES"]
 
@@ -37,22 +38,11 @@ _CAMERA: dict[str, Any] = {
     "t": 1767225599.9,
     "age": 0.4,
 }
-_ALERT: dict[str, Any] = {
-    "t": 1767225598.1,
-    "id": "1767225598100-hall-12-entrance-enter",
-    "zone": "entrance",
-    "kind": "enter",
-    "area": "hall",
-    "track": 12,
-    "floor": "ground",
-    "x": 9.1,
-    "y": 0.4,
-    "device": "d-7f3a",
-}
 _CORNERS = [[7.0, 0.0], [13.0, 0.0], [13.0, 2.5], [7.0, 2.5]]
 
 EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     **LEARNING_EXAMPLES,
+    **ALERT_EXAMPLES,
     Position: _POSITION,
     Positions: {"t": 1767225600.28, "positions": [_POSITION]},
     Tracks: {
@@ -83,7 +73,6 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
             }
         ],
     },
-    Alerts: {"t": 1767225600.28, "alerts": [_ALERT]},
     Cameras: {"t": 1767225600.28, "cameras": [_CAMERA]},
     HealthReport: {
         "t": 1767225600.28,

@@ -1,13 +1,11 @@
-"""What is true now: the newest tracks, last known positions, alerts and camera statuses, and their ready-made bytes.
+"""What is true now: the newest tracks, last known positions and camera statuses, and their ready-made bytes.
 
 Touched by one thread only (the HTTP event loop), so it needs no locks. Time comes in as an argument. Everything kept
-is bounded: frames by the number of areas, positions and alerts by settings.
+is bounded: frames by the number of areas, positions by age.
 """
 
 from __future__ import annotations
 
-import bisect
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +15,6 @@ import numpy as np
 import shapely
 
 from services.api.replies import (
-    Alerts,
     AreaFreshness,
     CameraReport,
     Cameras,
@@ -30,7 +27,7 @@ from services.api.replies import (
     Zones,
 )
 from shared.erased import Erased
-from shared.messages import Alert, CameraStatus, TrackFrame
+from shared.messages import CameraStatus, TrackFrame
 from shared.site import Site
 
 __all__ = ["LiveState"]
@@ -81,28 +78,17 @@ class LiveState:
         site: what is where.
         positions_kept: seconds a device's last position is told after its source was received.
         tracks_kept: the same for the tracks of an area.
-        alerts_kept: how many alerts are held, oldest dropped first.
-        started: wall clock; alerts sent earlier come from caches, in no order of their own.
     """
 
-    def __init__(
-        self, site: Site, positions_kept: float, tracks_kept: float, alerts_kept: int, started: float = -math.inf
-    ) -> None:
+    def __init__(self, site: Site, positions_kept: float, tracks_kept: float) -> None:
         self._site = site
         self._positions_kept = positions_kept
         self._tracks_kept = tracks_kept
-        self._alerts_kept = alerts_kept
         self._version = 0
         self.erased = Erased()
         self._newest: dict[str, _Arrived] = {}
         self._fixes: dict[str, _Fix] = {}
         self._statuses: dict[str, tuple[CameraStatus, float]] = {}
-        self._started = started
-        self._alerts: list[Alert] = []
-        """By time of measurement, which alerts do not arrive by: a crossing is told once it is certain."""
-        self._arrivals: list[tuple[float, Alert]] = []
-        """By arrival; those of before this process began arrived all at once, and stand first, by time of sending."""
-        self._alert_ids: set[str] = set()
         self._polygons = [shapely.Polygon(zone.polygon) for zone in site.zones]
         shapely.prepare(self._polygons)
         self._positions = _ReadyBytes(self._build_positions)
@@ -138,36 +124,12 @@ class LiveState:
         return True
 
     def erase(self, device: str) -> None:
-        """Forget a device whose consent was withdrawn, also in alerts that were told before."""
+        """Forget a device whose consent was withdrawn."""
         self.erased.add(device)
         self._fixes.pop(device, None)
         for area, held in self._newest.items():
             self._newest[area] = _Arrived(self.erased.from_tracks(held.frame), held.origin)
-        self._alerts = [self.erased.from_alert(alert) for alert in self._alerts]
-        self._arrivals = [(place, self.erased.from_alert(alert)) for place, alert in self._arrivals]
         self._version += 1
-
-    def take_alert(self, alert: Alert, sent: float = math.inf) -> bool:
-        """Take in an alert; False where it is known already (caches are told again when a router comes back).
-
-        Args:
-            alert: what happened.
-            sent: wall clock at which it was published.
-        """
-        if alert.id in self._alert_ids:
-            return False
-        if len(self._alerts) >= self._alerts_kept:
-            if alert.t < self._alerts[0].t:
-                return False
-            oldest = self._alerts.pop(0)
-            self._alert_ids.discard(oldest.id)
-            del self._arrivals[self._arrival(oldest.id)]
-        self._alert_ids.add(alert.id)
-        alert = self.erased.from_alert(alert)
-        bisect.insort(self._alerts, alert, key=lambda held: held.t)
-        place = sent if sent < self._started else math.inf
-        bisect.insort(self._arrivals, (place, alert), key=lambda arrival: arrival[0])
-        return True
 
     def take_status(self, status: CameraStatus, now: float) -> bool:
         """Take in a camera's status; False where the camera is not in the site file or a newer status is held.
@@ -210,51 +172,6 @@ class LiveState:
     def cameras_json(self, now: float) -> bytes:
         """Return the body of ``GET /v1/cameras``."""
         return self._cameras.at(now, self._version)
-
-    def alerts(self, now: float, since: float | None, zone: str | None, limit: int) -> Alerts:
-        """Return the newest ``limit`` alerts measured after ``since``, newest first."""
-        found: list[Alert] = []
-        for alert in reversed(self._alerts):
-            if len(found) >= limit or (since is not None and alert.t <= since):
-                break
-            if zone is None or alert.zone == zone:
-                found.append(alert)
-        return Alerts(t=now, alerts=found)
-
-    def alerts_from(self, now: float, after: str, since: float | None, zone: str | None, limit: int) -> Alerts:
-        """Return the first ``limit`` alerts that arrived after the one named, in that order, so that none is missed.
-
-        Args:
-            now: for the reply.
-            after: id of an alert; empty: from the first one held.
-            since: only those measured after this time.
-            zone: only those of this zone.
-            limit: at most this many.
-
-        Raises:
-            KeyError: the alert named is not held (any more).
-        """
-        if after and after not in self._alert_ids:
-            raise KeyError(after)
-        matching = (
-            alert
-            for alert in (self.alerts_after(after) if after else [alert for _, alert in self._arrivals])
-            if (zone is None or alert.zone == zone) and (since is None or alert.t > since)
-        )
-        return Alerts(t=now, alerts=list(itertools.islice(matching, limit)))
-
-    def alerts_after(self, alert_id: str) -> list[Alert]:
-        """Return the alerts that arrived after the one named, in that order; none where it is not known (any more)."""
-        if alert_id not in self._alert_ids:
-            return []
-        return [alert for _, alert in self._arrivals[self._arrival(alert_id) + 1 :]]
-
-    def _arrival(self, alert_id: str) -> int:
-        return next(index for index, (_, alert) in enumerate(self._arrivals) if alert.id == alert_id)
-
-    def frames(self) -> list[TrackFrame]:
-        """Return the newest frame of each area heard of."""
-        return [arrived.frame for arrived in self._newest.values()]
 
     def cameras(self, now: float) -> list[CameraReport]:
         """Return how each camera of the site is doing."""

@@ -8,18 +8,23 @@ import msgspec
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from services.api.alerts.alert_replies import Acknowledged, Note
+from services.api.alerts.webhook_replies import WebhookDefinition, WebhookMessage
 from services.api.examples import EXAMPLES
 from services.api.learning_replies import RollBack
 from services.api.problems import MEDIA_TYPE, Problem
 from services.api.replies import CameraReport, TrackColumns
-from shared.messages import Alert
+from shared.messages import Alert, Occupancy, Revision
 
 __all__ = ["describe", "documented", "error", "errors"]
 
 _REFERENCE = "#/components/schemas/{name}"
 
+_TOLD = (Acknowledged, Alert, CameraReport, Occupancy, Revision, TrackColumns, WebhookMessage)
+"""What streams and webhooks tell."""
+
 DESCRIPTION = """\
-Who is where, in metres, now, and what the system learns. Read-only, but for orders to learning. Every path below `/v1`
+Who is where, in metres, now, what zones tell of it, and what the system learns. Every path below `/v1`
 needs an API key: `Authorization: Bearer KEY` or `X-API-Key: KEY`. Times are seconds since the epoch (UTC), lengths
 metres, covariances `[xx, xy, yy]` in m². Errors are problem details (RFC 9457) that name field, found and allowed."""
 
@@ -45,9 +50,10 @@ def error(status: int) -> dict[str, Any]:
         403: "the key lacks the scope",
         404: "an id that names nothing, or nothing is known of it yet",
         409: "not possible now; detail says why",
+        410: "the event is no longer held; begin anew",
         413: "the body is too large",
         422: "a value out of range",
-        503: "not now: too many streams, or learning does not run; try again after Retry-After seconds",
+        503: "not now: too many streams, no learning, or a database is away; try again after Retry-After seconds",
     }[status]
     return {"description": what, "content": {MEDIA_TYPE: {"schema": {"$ref": _REFERENCE.format(name="Problem")}}}}
 
@@ -58,7 +64,7 @@ def describe(app: FastAPI) -> None:
     def document() -> dict[str, Any]:
         if app.openapi_schema is None:
             schema = get_openapi(title=app.title, version=app.version, description=DESCRIPTION, routes=app.routes)
-            structs = [*EXAMPLES, Alert, CameraReport, TrackColumns, Problem, RollBack]
+            structs = [*EXAMPLES, *_TOLD, Problem, RollBack, Note, WebhookDefinition]
             _, components = msgspec.json.schema_components(structs, ref_template=_REFERENCE)
             parts = schema.setdefault("components", {})
             parts["schemas"] = components

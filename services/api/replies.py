@@ -9,11 +9,10 @@ from typing import Literal
 
 import msgspec
 
-from shared.messages import Alert, Covariance, TrackState
+from shared.messages import Covariance, TrackState
 
 __all__ = [
     "AccessPointView",
-    "Alerts",
     "AreaFreshness",
     "AreaView",
     "CameraReport",
@@ -138,13 +137,6 @@ class Zones(Reply, frozen=True, kw_only=True):
 
     t: float
     zones: list[ZoneReport]
-
-
-class Alerts(Reply, frozen=True, kw_only=True):
-    """Alerts, newest first."""
-
-    t: float
-    alerts: list[Alert]
 
 
 class CameraReport(Reply, frozen=True, kw_only=True):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
+from collections import OrderedDict
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
@@ -12,17 +13,19 @@ import msgspec
 import structlog
 from fastapi import FastAPI
 
+from services.api.alerts.office import AlertOffice
 from services.api.app import create_app
+from services.api.event_log import EventLog
 from services.api.health_report import Presence, health_report
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
 from services.api.replies import HealthReport
 from services.api.settings import DEMO_KEY, ApiSettings
 from services.api.site_view import site_view
-from services.api.stream import Hub, alert_event, camera_event, revision_event
-from shared.bus import Bus, Delivery
+from services.api.stream import Hub
+from shared.bus import Bus, Delivery, Publisher
 from shared.http_server import serve
-from shared.messages import Alert, CameraStatus, Erasure, Message, Revision, TrackFrame
+from shared.messages import Alert, CameraStatus, Erasure, ErasureDone, Message, Occupancy, Revision, TrackFrame
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
@@ -32,6 +35,7 @@ __all__ = ["ApiService"]
 log = structlog.get_logger(__name__)
 
 SHORTEST_KEY = 16
+ACKNOWLEDGED_KEPT = 1000
 
 
 class ApiService(Service[ApiSettings]):
@@ -42,10 +46,12 @@ class ApiService(Service[ApiSettings]):
 
     def __init__(self, settings: ApiSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
-        self._live = LiveState(
-            site, settings.positions_kept, settings.tracks_kept, settings.alerts_kept, started=time.time()
-        )
-        self._hub = Hub(settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
+        self._live = LiveState(site, settings.positions_kept, settings.tracks_kept)
+        # Ids go on above those of the process before: nobody makes a million events a second.
+        events = EventLog(int(time.time() * 1e6), settings.stream_events, int(settings.stream_megabytes * 2**20))
+        self._hub = Hub(events, settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
+        self._alerts = AlertOffice(settings, site, self._tell_of_alerts, self._acknowledge_erasure)
+        self._acknowledged: OrderedDict[str, Publisher[ErasureDone]] = OrderedDict()
         self._presence = Presence()
         self._told: list[str] = []
         self._learning = LearningLink(self.keys, self._ask_once)
@@ -76,6 +82,7 @@ class ApiService(Service[ApiSettings]):
         inbox.subscribe(self.keys.tracks(), TrackFrame, newest=True)
         inbox.subscribe(self.keys.revisions(), Revision)
         inbox.subscribe(self.keys.alert(), Alert, cached=True)
+        inbox.subscribe(self.keys.occupancy(), Occupancy, newest=True)
         inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
         inbox.subscribe(self.keys.camera_status(), CameraStatus, cached=True)
         app = create_app(
@@ -86,9 +93,12 @@ class ApiService(Service[ApiSettings]):
             self._hub,
             self._health_report,
             self._learning,
+            self._alerts,
             self._lifespan,
         )
-        serve(app, self.settings.api_host, self.settings.api_port, self.stopping)
+        settings = self.settings
+        serve(app, settings.api_host, settings.api_port, self.stopping, stalled_after=settings.stream_patience)
+        self._alerts.close()
 
     def stop(self) -> None:
         """Stop, and do not wait for a message that may not come."""
@@ -103,6 +113,7 @@ class ApiService(Service[ApiSettings]):
             threading.Thread(target=work, args=(loop,), name=name, daemon=True)
             for name, work in (("bus", self._read_bus), ("presence", self._watch))
         ]
+        threads += self._alerts.threads(self.stopping)
         for thread in threads:
             thread.start()
         self.health.ready.set()
@@ -165,24 +176,42 @@ class ApiService(Service[ApiSettings]):
                 else:
                     self._tell_once(f"tracks of area {message.area}")
             elif isinstance(message, Alert):
-                if self._live.take_alert(message, delivery.trace.sent):
-                    told = self._live.erased.from_alert(message)
-                    self._hub.send("alert", message.zone, message.area, alert_event(told))
+                told = self._live.erased.from_alert(message)
+                if self._alerts.desk.take(told, delivery.trace.sent):
+                    self._hub.send("alert", told.id, told, told.area, told.zone)
             elif isinstance(message, Revision):
                 told_anew = self._live.erased.from_revision(message)
                 if told_anew.device:
-                    self._hub.send("revision", message.area, message.area, revision_event(told_anew))
+                    self._hub.send("revision", message.area, told_anew, message.area)
+            elif isinstance(message, Occupancy):
+                self._hub.send("occupancy", "", message)
             elif isinstance(message, Erasure):
                 self._live.erase(message.device)
                 self._learning.forget()
-                self._hub.drop("revision")
+                self._alerts.desk.erase(message.device)
+                self._hub.erase(message.device)
             elif isinstance(message, CameraStatus):
                 now = time.time()
                 if self._live.take_status(message, now):
                     report = self._live.camera(message.camera, now)
-                    self._hub.send("camera", report.camera, report.area, camera_event(report))
+                    self._hub.send("camera", report.camera, report, report.area)
                 else:
                     self._tell_once(f"status of camera {message.camera}")
+
+    def _tell_of_alerts(self, reason: str | None) -> None:
+        if reason is None:
+            self.health.well("alerts")
+        else:
+            self.health.degraded("alerts", f"alerts are told but not written down: {reason}")
+
+    def _acknowledge_erasure(self, device: str) -> None:
+        """Say that no alert names a device any more; the newest ones are kept for whoever asks later."""
+        known = self._acknowledged.pop(device, None)
+        publisher = known or self.bus.publisher(self.keys.erased(device, self.name), ErasureDone, cached=True)
+        publisher.publish(ErasureDone(t=time.time(), device=device, service=self.name))
+        self._acknowledged[device] = publisher
+        if len(self._acknowledged) > ACKNOWLEDGED_KEPT:
+            self._acknowledged.popitem(last=False)[1].close()
 
     def _tell_once(self, what: str) -> None:
         """Log what is left out, once each; bounded, because names come from outside."""

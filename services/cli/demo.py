@@ -150,6 +150,7 @@ class Demo:
 
     def _plan(self) -> tuple[list[ProcessSpec], list[ProcessSpec]]:
         database = self._folder / f"{self.site.site}.db"
+        alerts = self._folder / f"{self.site.site}-alerts.db"
         models = self._folder / f"{self.site.site}-learning.db"
         # For a fusion that is killed in mid-run; who was about in the demo before is nobody's business now.
         state = self._folder / f"{self.site.site}-state"
@@ -178,7 +179,11 @@ class Demo:
             ),
             ("geofence", "services.geofence", {}),
             ("learning", "services.learning", {"ATRIUM_LEARNING_DATABASE_URL": f"sqlite:///{models}"}),
-            ("api", "services.api", {"ATRIUM_API_PORT": str(self.ports.api)}),
+            (
+                "api",
+                "services.api",
+                {"ATRIUM_API_PORT": str(self.ports.api), "ATRIUM_ALERTS_DATABASE_URL": f"sqlite:///{alerts}"},
+            ),
         ]
         if self._dashboard:
             settings = {"ATRIUM_DASHBOARD_PORT": str(self.ports.dashboard), "ATRIUM_API_URL": self.api_url}

@@ -8,9 +8,12 @@ import msgspec
 import numpy as np
 import pytest
 import shapely
+from pydantic import SecretStr
 
+from services.api.alerts.office import AlertOffice
 from services.api.app import create_app
 from services.api.auth import KeyRing
+from services.api.event_log import EventLog
 from services.api.examples import EXAMPLES
 from services.api.health_report import Presence, health_report
 from services.api.learning_link import LearningLink
@@ -37,14 +40,17 @@ def test_every_example_is_what_it_exemplifies(kind: type[msgspec.Struct]) -> Non
     assert set(json.loads(msgspec.json.encode(decoded))) == set(EXAMPLES[kind])
 
 
-def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: Path) -> None:
+def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: Path, tmp_path: Path) -> None:
     site = load_site(project / SITE)
-    settings = ApiSettings(site_file=project / SITE, profile="demo")
-    live, hub = LiveState(site, 60.0, 5.0, 10), Hub(10.0, 5.0, 10)
+    database = SecretStr(f"sqlite:///{tmp_path / 'alerts.db'}")
+    settings = ApiSettings(site_file=project / SITE, profile="demo", alerts_database_url=database)
+    live, hub = LiveState(site, 60.0, 5.0), Hub(EventLog(1, 10, 10), 10.0, 5.0, 10)
+    alerts = AlertOffice(settings, site, lambda _: None, lambda _: None)
     empty = HealthReport(t=0.0, status="ok", problems=[], services=[], areas=[], cameras=[])
     document = create_app(
-        settings, site, b"{}", live, hub, lambda _: empty, LearningLink(Keys("hall"), lambda *_: None)
+        settings, site, b"{}", live, hub, lambda _: empty, LearningLink(Keys("hall"), lambda *_: None), alerts
     ).openapi()
+    alerts.close()
     text = json.dumps(document)
     schemas = document["components"]["schemas"]
     for reference in {part.split('"')[0] for part in text.split("#/components/schemas/")[1:]}:
@@ -77,7 +83,7 @@ def test_keys_are_read_in_every_documented_form(project: Path, monkeypatch: pyte
     assert scopes(one, "a-long-secret-key-1") == {"positions"}
     assert scopes(one, "a-long-secret-key-2") is None
     assert scopes(one, "a-long-secret-key-") is None
-    assert scopes("demo-api-key", "demo-api-key") == {*everything, "learning-admin"}
+    assert scopes("demo-api-key", "demo-api-key") == {*everything, "learning-admin", "acknowledge", "webhooks"}
 
 
 @pytest.mark.parametrize("keys", ["demo-api-key", "short-key", '["a-long-secret-key-1", "demo-api-key"]'])
