@@ -77,7 +77,7 @@ class AlertDesk:
             self._known[name] = None
 
     def take(self, alert: Alert, sent: float) -> bool:
-        """Take in an alert, told at ``sent`` (wall clock); False where it is known, or holds what no alert of ours may."""
+        """Take in an alert, told at ``sent`` (wall clock); False where it is known, or holds what none may."""
         if alert.id in self._known or not _sound(alert):
             return False
         self._known[alert.id] = None
