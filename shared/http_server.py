@@ -18,6 +18,9 @@ __all__ = ["Tls", "serve"]
 
 log = structlog.get_logger(__name__)
 
+STREAM_BUFFER = 128 * 1024
+"""Bytes that wait in the system for a client of a stream."""
+
 
 @dataclass(frozen=True, slots=True)
 class Tls:
@@ -52,9 +55,9 @@ def serve(
         proxies: addresses or networks whose ``X-Forwarded-For`` and ``X-Forwarded-Proto`` are believed.
         keep_alive: seconds after which an idle connection is closed.
         connections: open at once; more are answered 503.
-        stalled_after: seconds after which a connection is cut whose other end takes nothing of what waits for it
-            (where the system can do that: Linux); WebSockets are then sent uncompressed, so that what many are told is
-            made once.
+        stalled_after: for applications that stream: seconds after which the system cuts a connection whose other end
+            takes nothing of what waits for it (Linux). What waits there is then bounded, so that the application
+            notices before, and WebSockets are sent uncompressed, so that what many are told is made once.
 
     Raises:
         ServiceError: the address cannot be listened on, or certificate and key cannot be used.
@@ -68,6 +71,8 @@ def serve(
         listener = socket.create_server((host, port), reuse_port=False)
     except OSError as error:
         raise ServiceError(f"cannot listen on {host}:{port}: {error.strerror}") from error
+    if stalled_after is not None:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, STREAM_BUFFER)
     if stalled_after is not None and hasattr(socket, "TCP_USER_TIMEOUT"):
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(stalled_after * 1000.0))
     config = uvicorn.Config(

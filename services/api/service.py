@@ -97,7 +97,7 @@ class ApiService(Service[ApiSettings]):
             self._lifespan,
         )
         settings = self.settings
-        serve(app, settings.api_host, settings.api_port, self.stopping, stalled_after=settings.stream_patience)
+        serve(app, settings.api_host, settings.api_port, self.stopping, stalled_after=2.0 * settings.stream_patience)
         self._alerts.close()
 
     def stop(self) -> None:
