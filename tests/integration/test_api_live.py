@@ -317,7 +317,7 @@ def test_a_reader_that_stops_reading_costs_nothing_and_finds_the_newest(
             nonlocal number
             number += 1
             tracks.publish(frame(float(number), chunk=number, people=1000))
-                return number > 100
+            return number > 100
 
         wait_until(crowd, DEADLINE, "more events than wait on the way to the reader that does not read")
         client.settimeout(DEADLINE)
