@@ -122,7 +122,7 @@ def _servers() -> Iterator[_Servers]:
             "BUS": json.dumps([endpoint]),
             "API_PORT": str(port),
             "HEALTH_PORT": str(health),
-            "ALERTS_DATABASE_URL": f"sqlite:///{folder}/alerts.db",
+            "API_DATABASE_URL": f"sqlite:///{folder}/api.db",
             "LOG_LEVEL": "warning",
         }
         environment = os.environ | {f"ATRIUM_{name}": value for name, value in settings.items()}

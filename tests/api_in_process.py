@@ -20,7 +20,7 @@ DEADLINE = 15.0
 def running(site: Site, project: Path, endpoint: str, port: int, **changes: object) -> Iterator[str]:
     """One api service, in this process, until the block ends; yields its address."""
     with tempfile.TemporaryDirectory() as folder:
-        changes = {"stream_keep_alive": 0.3, "alerts_database_url": f"sqlite:///{folder}/alerts.db"} | changes
+        changes = {"stream_keep_alive": 0.3, "api_database_url": f"sqlite:///{folder}/api.db"} | changes
         yield from _running(site, project, endpoint, port, changes)
 
 

@@ -12,9 +12,10 @@ from pydantic_settings import NoDecode
 
 from shared.settings import ServiceSettings
 
-__all__ = ["ALL_SCOPES", "DEMO_KEY", "READ_SCOPES", "ApiKey", "ApiSettings", "Scope", "default_alerts_database_url"]
+__all__ = ["ALL_SCOPES", "DEMO_KEY", "READ_SCOPES", "ApiKey", "ApiSettings", "Scope", "default_api_database_url"]
 
 DEMO_KEY = "demo-api-key"
+DEFAULT_DATABASE = "sqlite:///atrium-api.db"
 
 Scope = Literal["positions", "alerts", "site", "health", "learning", "learning-admin", "acknowledge", "webhooks"]
 """What a key may read: positions and tracks; alerts; the site, its zones and cameras; health; what is learned. And what
@@ -25,12 +26,9 @@ CHANGING_SCOPES: frozenset[Scope] = frozenset({"learning-admin", "acknowledge", 
 READ_SCOPES: tuple[Scope, ...] = tuple(scope for scope in ALL_SCOPES if scope not in CHANGING_SCOPES)
 
 
-DEFAULT_DATABASE = "sqlite:///atrium-alerts.db"
-
-
-def default_alerts_database_url() -> str:
-    """Return ``ATRIUM_ALERTS_DATABASE_URL``, else ``ATRIUM_DATABASE_URL``, else a file in the working directory."""
-    variables = ("ATRIUM_ALERTS_DATABASE_URL", "ATRIUM_DATABASE_URL")
+def default_api_database_url() -> str:
+    """Return ``ATRIUM_API_DATABASE_URL``, else ``ATRIUM_DATABASE_URL``, else a file in the working directory."""
+    variables = ("ATRIUM_API_DATABASE_URL", "ATRIUM_DATABASE_URL")
     return next((url for name in variables if (url := os.environ.get(name))), DEFAULT_DATABASE)
 
 
@@ -91,9 +89,9 @@ class ApiSettings(ServiceSettings):
         30.0, gt=0, le=600, description="seconds after which a client that reads nothing is dropped"
     )
 
-    alerts_database_url: SecretStr = Field(
-        default_factory=lambda: SecretStr(default_alerts_database_url()),
-        description="of alerts and webhooks: sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME",
+    api_database_url: SecretStr = Field(
+        default_factory=lambda: SecretStr(default_api_database_url()),
+        description="sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME; the gateway's may be shared",
     )
     alerts_kept: int = Field(100_000, ge=1, le=10_000_000, description="alerts held, those that came first go first")
     alert_days: float = Field(30.0, gt=0, le=3660, description="days that alerts are held")

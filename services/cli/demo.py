@@ -150,8 +150,8 @@ class Demo:
 
     def _plan(self) -> tuple[list[ProcessSpec], list[ProcessSpec]]:
         database = self._folder / f"{self.site.site}.db"
-        alerts = self._folder / f"{self.site.site}-alerts.db"
         models = self._folder / f"{self.site.site}-learning.db"
+        kept = self._folder / f"{self.site.site}-api.db"
         # For a fusion that is killed in mid-run; who was about in the demo before is nobody's business now.
         state = self._folder / f"{self.site.site}-state"
         shutil.rmtree(state, ignore_errors=True)
@@ -182,7 +182,7 @@ class Demo:
             (
                 "api",
                 "services.api",
-                {"ATRIUM_API_PORT": str(self.ports.api), "ATRIUM_ALERTS_DATABASE_URL": f"sqlite:///{alerts}"},
+                {"ATRIUM_API_PORT": str(self.ports.api), "ATRIUM_API_DATABASE_URL": f"sqlite:///{kept}"},
             ),
         ]
         if self._dashboard:

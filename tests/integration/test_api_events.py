@@ -387,7 +387,7 @@ def test_webhooks_that_nobody_should_make_are_refused(address: str) -> None:
 def test_what_a_receiver_has_not_taken_is_sent_after_a_restart(
     site: Site, project: Path, endpoint: str, tmp_path: Path, alerts: Publisher[Alert], outside: Receiver
 ) -> None:
-    kept = {"alerts_database_url": f"sqlite:///{tmp_path / 'alerts.db'}", "webhook_networks": ["127.0.0.0/8"]}
+    kept = {"api_database_url": f"sqlite:///{tmp_path / 'alerts.db'}", "webhook_networks": ["127.0.0.0/8"]}
     kept |= {"webhook_first_pause": 0.5}
     outside.answer = lambda _: 503
     with running(site, project, endpoint, unused_port(), **kept) as address:

@@ -11,7 +11,7 @@ from shared.database import Schema, open_engine
 __all__ = ["SCHEMA", "VERSION_TABLE", "migrate", "open_alerts"]
 
 VERSION_TABLE = "alembic_version_api_alerts"
-SCHEMA = Schema("api (alerts)", VERSION_TABLE, Path(__file__).parent / "migrations", setting="alerts_database_url")
+SCHEMA = Schema("api (alerts)", VERSION_TABLE, Path(__file__).parent / "migrations", setting="api_database_url")
 
 
 def migrate(database_url: str) -> None:

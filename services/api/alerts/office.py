@@ -47,7 +47,7 @@ class AlertOffice:
         erased: Callable[[str], None],
         resolve: Resolve = resolve,
     ) -> None:
-        url = settings.alerts_database_url.get_secret_value()
+        url = settings.api_database_url.get_secret_value()
         if settings.profile == "demo":
             migrate(url)
         self._site = site

@@ -43,7 +43,7 @@ def test_every_example_is_what_it_exemplifies(kind: type[msgspec.Struct]) -> Non
 def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: Path, tmp_path: Path) -> None:
     site = load_site(project / SITE)
     database = SecretStr(f"sqlite:///{tmp_path / 'alerts.db'}")
-    settings = ApiSettings(site_file=project / SITE, profile="demo", alerts_database_url=database)
+    settings = ApiSettings(site_file=project / SITE, profile="demo", api_database_url=database)
     live, hub = LiveState(site, 60.0, 5.0), Hub(EventLog(1, 10, 10), 10.0, 5.0, 10)
     alerts = AlertOffice(settings, site, lambda _: None, lambda _: None)
     empty = HealthReport(t=0.0, status="ok", problems=[], services=[], areas=[], cameras=[])
