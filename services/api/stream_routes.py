@@ -12,11 +12,11 @@ from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
 from services.api.auth import Holder
-from services.api.bodies import invalid
 from services.api.event_log import NO_LONGER, Framing, ndjson_event
 from services.api.live_state import LiveState
 from services.api.openapi import error
 from services.api.problems import Problem, ProblemError, problem_response, unknown
+from services.api.request_body import invalid
 from services.api.settings import Scope
 from services.api.stream import Hub, Reader, Selection
 from services.api.stream_replies import NDJSON, SSE, Dialect, StreamResponse, converse

@@ -16,9 +16,9 @@ from starlette.responses import Response
 from services.api.alerts.alert_replies import Acknowledged, Alerts, InboxAlert, Note
 from services.api.alerts.inbox import AcknowledgedError, AlertInbox, Wanted
 from services.api.alerts.storage_away import storage_away
-from services.api.bodies import described, invalid, read_body, read_object
 from services.api.openapi import documented
 from services.api.problems import Problem, ProblemError, unknown
+from services.api.request_body import described, invalid, read_body, read_object
 from services.api.stream import Hub
 from shared.keys import is_identifier
 from shared.messages import AlertKind

@@ -24,9 +24,9 @@ from services.api.alerts.webhook_replies import (
     Webhooks,
 )
 from services.api.alerts.webhook_store import TooManyError, WebhookStore
-from services.api.bodies import described, invalid, read_body, read_object
 from services.api.openapi import documented
 from services.api.problems import Problem, ProblemError, unknown
+from services.api.request_body import described, invalid, read_body, read_object
 from shared.keys import is_identifier
 
 __all__ = ["webhook_routes"]

@@ -1,4 +1,4 @@
-"""What clients send: read up to a bound, decoded, and refused in words that name field, what was found, what is allowed."""
+"""What clients send: read up to a bound, decoded, refused in words that name field, what was found, what is allowed."""
 
 from __future__ import annotations
 
