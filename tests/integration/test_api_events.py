@@ -14,6 +14,7 @@ import httpx
 import pytest
 from api_in_process import running
 from conftest import unused_port
+from postgres_server import postgres
 from test_api_live import DEADLINE, KEY, KEYS, alert, frame
 from waiting import wait_until
 from webhook_receiver import Receiver, receiver
@@ -400,3 +401,30 @@ def test_what_a_receiver_has_not_taken_is_sent_after_a_restart(
         wait_until(lambda: len(outside.taken) > before, DEADLINE, "another attempt")
         assert httpx.get(f"{address}/v1/alerts/a-601", headers=KEY).status_code == 200
         assert {headers["webhook-id"] for _, headers, _ in outside.taken} == {outside.taken[0][1]["webhook-id"]}
+
+
+def test_a_database_that_goes_away_loses_no_alert_and_holds_up_no_stream(
+    site: Site, project: Path, endpoint: str, alerts: Publisher[Alert], outside: Receiver
+) -> None:
+    with (
+        postgres() as server,
+        running(
+            site, project, endpoint, unused_port(), api_database_url=server.url, webhook_networks=["127.0.0.0/8"]
+        ) as address,
+    ):
+        webhook(address, f"{outside.url}/alarm")
+        listening = Lines(address, "/v1/events?kinds=alert")
+        wait_until(lambda: listening.silences, DEADLINE, "the stream")
+        server.stop()
+        alerts.publish(alert(701))
+        wait_until(lambda: listening.of("alert"), DEADLINE, "the alert on the stream")
+        for path in ("alerts", "webhooks"):
+            away = httpx.get(f"{address}/v1/{path}", headers=KEY, timeout=DEADLINE)
+            assert (away.status_code, away.headers["Retry-After"]) == (503, "5")
+            assert away.json()["type"] == "urn:atrium:storage-away"
+        assert httpx.get(f"{address}/v1/positions", headers=KEY).status_code == 200
+        server.start()
+        url = f"{address}/v1/alerts/a-701"
+        wait_until(lambda: httpx.get(url, headers=KEY, timeout=DEADLINE).status_code == 200, DEADLINE, "the alert")
+        wait_until(lambda: outside.taken, DEADLINE, "the webhook")
+        listening.close()
