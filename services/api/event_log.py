@@ -6,6 +6,8 @@ microseconds of the wall clock goes on above every id of the process before it.
 
 from __future__ import annotations
 
+import itertools
+from collections import deque
 from collections.abc import Callable, Iterator
 
 from services.api.event_views import without_device
@@ -37,7 +39,7 @@ def ndjson_event(number: int | None, event: str, payload: bytes) -> bytes:
 class Entry:
     """One event. ``payload`` is its JSON, None once a withdrawn consent left nothing of it."""
 
-    __slots__ = ("_framed", "area", "event", "id", "payload", "subject", "zone")
+    __slots__ = ("_framed", "area", "event", "id", "payload", "subject", "withdrawals", "zone")
 
     def __init__(
         self, number: int, event: str, subject: str, area: str | None, zone: str | None, payload: bytes | None
@@ -48,6 +50,8 @@ class Entry:
         self.area = area
         self.zone = zone
         self.payload = payload
+        self.withdrawals = 0
+        """Of the log, how many it has obeyed or need not."""
         self._framed: dict[Framing, bytes] = {}
 
     @property
@@ -85,17 +89,24 @@ class EventLog:
         self._most, self._most_bytes = most, most_bytes
         self._entries: dict[int, Entry] = {}
         self._present: dict[tuple[str, str], Entry] = {}
+        self._withdrawals: deque[tuple[int, str]] = deque()
+        """The newest event when a consent was withdrawn, and the device; obeyed when an event is told the next time."""
+        self._obeyed_by_all = 0
         self.bytes = 0
 
     def append(self, event: str, subject: str, area: str | None, zone: str | None, payload: bytes) -> Entry:
         """Add an event; the oldest give way."""
         entry = Entry(self.newest + 1, event, subject, area, zone, payload)
         self.newest = entry.id
+        entry.withdrawals = self._obeyed_by_all + len(self._withdrawals)
         self._entries[entry.id] = entry
         self.bytes += entry.cost
         while len(self._entries) > self._most or (self.bytes > self._most_bytes and len(self._entries) > 1):
             self.bytes -= self._entries.pop(self.oldest).cost
             self.oldest += 1
+        while self._withdrawals and self._withdrawals[0][0] < self.oldest:
+            self._withdrawals.popleft()
+            self._obeyed_by_all += 1
         if event in STATE:
             self._present[event, subject] = entry
         return entry
@@ -109,7 +120,7 @@ class EventLog:
     def after(self, number: int) -> Iterator[Entry]:
         """Yield the events after ``number``, which is no older than ``refusal`` allows."""
         for following in range(number + 1, self.newest + 1):
-            yield self._entries[following]
+            yield self._obedient(self._entries[following])
 
     def alert(self, alert_id: str) -> int | None:
         """Return the id of the event that told an alert, None where it is not held (any more)."""
@@ -121,8 +132,19 @@ class EventLog:
         return sorted((entry for (name, _), entry in self._present.items() if name == event), key=lambda e: e.id)
 
     def erase(self, device: str) -> None:
-        """Take a device whose consent was withdrawn out of all that is held."""
-        for number, entry in self._entries.items():
-            self._entries[number] = entry.erased(device)
-        self.bytes = sum(entry.cost for entry in self._entries.values())
+        """Take a device whose consent was withdrawn out of all that can still be told."""
+        self._withdrawals.append((self.newest, device))
         self._present = {key: entry.erased(device) for key, entry in self._present.items()}
+
+    def _obedient(self, entry: Entry) -> Entry:
+        """Return an event without the devices that were withdrawn since it was written."""
+        total = self._obeyed_by_all + len(self._withdrawals)
+        if entry.withdrawals == total:
+            return entry
+        told = entry
+        for _, device in itertools.islice(self._withdrawals, max(0, entry.withdrawals - self._obeyed_by_all), None):
+            told = told.erased(device)
+        told.withdrawals = total
+        self._entries[entry.id] = told
+        self.bytes += told.cost - entry.cost
+        return told

@@ -196,6 +196,18 @@ def test_a_withdrawn_device_is_out_of_all_that_can_still_be_told() -> None:
     assert lines == 3, "nothing is left of the revision"
 
 
+def test_withdrawals_are_forgotten_once_nothing_from_before_them_is_held() -> None:
+    log = EventLog(1, 2, 1 << 20)
+    for number in range(5):
+        log.append("alert", "", None, None, msgspec.json.encode(msgspec.structs.replace(alert(number), device="p")))
+        log.erase("p")
+        log.append("alert", "", None, None, msgspec.json.encode(msgspec.structs.replace(alert(number), device="q")))
+        assert [json.loads(entry.payload or b"")["device"] for entry in log.after(log.oldest - 1)] == [None, "q"]
+        log.erase("q")
+        assert [json.loads(entry.payload or b"")["device"] for entry in log.after(log.oldest - 1)] == [None, None]
+    assert len(log._withdrawals) <= 2
+
+
 def test_tracks_come_at_the_rate_and_end_with_the_newest() -> None:
     async def scenario() -> list[float]:
         hub = Hub(EventLog(1, 1000, 1 << 20), rate=20.0, keep_alive=5.0, most=2)
