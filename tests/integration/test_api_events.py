@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
@@ -201,19 +202,31 @@ def test_bad_questions_to_streams_are_refused_in_every_form(address: str) -> Non
     assert (refused.status_code, refused.json()["allowed"]) == (403, "a key with the scope positions")
 
 
+@contextmanager
+def idle_client(port: int, path: str) -> Iterator[None]:
+    """A client that asks for a stream and reads nothing of it."""
+    with socket.socket() as idle:
+        idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        idle.connect(("127.0.0.1", port))
+        lines = [f"GET {path} HTTP/1.1", "Host: x", "X-API-Key: demo-api-key"]
+        if path == "/v1/ws":
+            lines += ["Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"]
+            lines += ["Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="]
+        idle.sendall("\r\n".join([*lines, "", ""]).encode())
+        yield
+
+
+@pytest.mark.parametrize("path", ["/v1/stream", "/v1/ws"])
 def test_a_client_that_reads_nothing_is_dropped_and_counted_and_others_are_told(
-    site: Site, project: Path, endpoint: str, tracks: Publisher[TrackFrame]
+    path: str, site: Site, project: Path, endpoint: str, tracks: Publisher[TrackFrame]
 ) -> None:
     port = unused_port()
     stalled, before = DROPPED.labels("stalled")._value, READERS._value.get()
     dropped = stalled.get()
     with (
         running(site, project, endpoint, port, stream_rate=100.0, stream_patience=0.5) as address,
-        socket.socket() as idle,
+        idle_client(port, path),
     ):
-        idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        idle.connect(("127.0.0.1", port))
-        idle.sendall(b"GET /v1/stream HTTP/1.1\r\nHost: x\r\nX-API-Key: demo-api-key\r\n\r\n")
         attentive = Lines(address, "/v1/events")
 
         def crowd() -> bool:
