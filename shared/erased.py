@@ -74,6 +74,6 @@ class Erased:
         return msgspec.structs.replace(revision, **columns)
 
     def from_alert(self, alert: Alert) -> Alert:
-        """Return the alert without erased devices."""
+        """Return the alert without erased devices; the same alert where it names none."""
         gone = {name: None for name in ("device", "other_device") if getattr(alert, name) in self._devices}
         return msgspec.structs.replace(alert, **gone) if gone else alert

@@ -16,6 +16,7 @@ from services.api.alerts.inbox import AcknowledgedError, AlertInbox, Wanted
 from services.api.alerts.webhook_replies import WebhookDefinition
 from services.api.alerts.webhook_store import TooManyError, WebhookStore
 from shared.messages import Alert
+from shared.runner import ServiceError
 
 ANY = Wanted()
 
@@ -211,3 +212,22 @@ def test_what_waits_for_a_receiver_that_is_away_has_a_bound(engine: Engine) -> N
     assert [letter.reason for letter in store.dead(hook.id, 0, 9)] == ["more than 3 alerts were waiting"] * 2
     store.forget(now=1e12)
     assert store.one(hook.id).dead == 0
+
+
+def test_the_api_has_its_tables_where_its_setting_says_and_says_so_when_it_has_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from services.api.settings import default_api_database_url
+
+    monkeypatch.delenv("ATRIUM_API_DATABASE_URL", raising=False)
+    monkeypatch.setenv("ATRIUM_DATABASE_URL", f"sqlite:///{tmp_path / 'one.db'}")
+    assert default_api_database_url().endswith("one.db")
+    monkeypatch.setenv("ATRIUM_API_DATABASE_URL", f"sqlite:///{tmp_path / 'two.db'}")
+    opened = open_alerts(default_api_database_url())
+    assert "run `atrium migrate` first" in str(SCHEMA.problem(opened))
+    migrate(default_api_database_url())
+    migrate(default_api_database_url())
+    assert SCHEMA.problem(opened) is None
+    opened.dispose()
+    with pytest.raises(ServiceError, match=r"api_database_url: .*allowed: sqlite:///FILE"):
+        open_alerts("nonsense")
