@@ -183,8 +183,11 @@ class WebhookStore:
             under_way: deliveries that are being sent.
         """
         found: list[Due] = []
+        ready_for = select(DeliveryRow.id).where(
+            DeliveryRow.webhook == WebhookRow.id, DeliveryRow.dead.is_(False), DeliveryRow.due <= now
+        )
         with Session(self._engine) as session:
-            for webhook in session.scalars(select(WebhookRow).where(WebhookRow.enabled)):
+            for webhook in session.scalars(select(WebhookRow).where(WebhookRow.enabled, ready_for.exists())).all():
                 most = room.get(webhook.id, each)
                 if most <= 0:
                     continue
