@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from shared.messages import AlertKind, Message
 
-__all__ = ["Audience", "Schedule", "ZoneDefinition", "ZoneRule", "ZoneSet"]
+__all__ = ["Audience", "Id", "Schedule", "ZoneDefinition", "ZoneRule", "ZoneSet"]
 
 Id = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Clock = Annotated[str, Meta(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]$")]
@@ -23,7 +23,9 @@ Audience = Literal["everybody", "phones", "anonymous"]
 class Schedule(msgspec.Struct, frozen=True, kw_only=True):
     """When a rule holds, in the site's time zone; ``until`` before ``since`` runs past midnight."""
 
-    days: Annotated[list[Annotated[int, Meta(ge=0, le=6)]], Meta(min_length=1, max_length=7)] = [0, 1, 2, 3, 4, 5, 6]
+    days: Annotated[list[Annotated[int, Meta(ge=0, le=6)]], Meta(min_length=1, max_length=7)] = msgspec.field(
+        default_factory=lambda: list(range(7))
+    )
     """0 is Monday."""
     since: Clock = "00:00"
     until: Clock = "00:00"

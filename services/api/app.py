@@ -14,6 +14,7 @@ from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import RedirectResponse, Response, StreamingResponse
 
+from services.api.admin.administration import Administration, admin_routes
 from services.api.auth import Guard, KeyRing
 from services.api.hot_reads import HotReads
 from services.api.learning_link import LearningLink
@@ -31,7 +32,6 @@ from services.api.replies import (
     Positions,
     SiteView,
     Tracks,
-    Zones,
 )
 from services.api.settings import ApiSettings
 from services.api.stream import Hub, alert_event, camera_event, tracks_event
@@ -59,11 +59,11 @@ _STREAM: dict[int | str, dict[str, Any]] = {
 def create_app(
     settings: ApiSettings,
     site: Site,
-    site_json: bytes,
     live: LiveState,
     hub: Hub,
     health: Callable[[float], HealthReport],
     learning: LearningLink,
+    admin: Administration,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
 ) -> FastAPI:
     """Return the application.
@@ -71,11 +71,11 @@ def create_app(
     Args:
         settings: keys and CORS origins are read from here.
         site: to check ids that clients name.
-        site_json: the ready body of ``GET /v1/site``.
         live: what is true now.
         hub: where stream readers join.
         health: makes the health report of one moment.
         learning: asks the learning service.
+        admin: zones, exhibits, keys and people.
         lifespan: runs around the life of the server.
     """
     sources: dict[str, Callable[[float], bytes]] = {
@@ -83,7 +83,7 @@ def create_app(
         "/v1/tracks": lambda now: live.tracks_json(None, now),
         "/v1/zones": live.zones_json,
         "/v1/cameras": live.cameras_json,
-        "/v1/site": lambda _: site_json,
+        "/v1/site": lambda _: admin.site_json,
     }
     layers = [Middleware(Guard, ring=KeyRing(settings.api_keys)), Middleware(HotReads, sources=sources)]
     if settings.cors_origins:
@@ -95,8 +95,9 @@ def create_app(
     app = FastAPIOffline(redoc_url=None, title="Atrium", version="1", lifespan=lifespan, middleware=layers)
     tell_problems(app)
     describe(app)
-    app.include_router(_reads(site, site_json, live, health))
+    app.include_router(_reads(site, live, health, admin))
     app.include_router(_stream(site, live, hub))
+    app.include_router(admin_routes(admin))
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
 
@@ -111,10 +112,9 @@ def _json(body: bytes) -> Response:
     return Response(body, media_type="application/json")
 
 
-def _reads(site: Site, site_json: bytes, live: LiveState, health: Callable[[float], HealthReport]) -> APIRouter:
+def _reads(site: Site, live: LiveState, health: Callable[[float], HealthReport], admin: Administration) -> APIRouter:
     router = APIRouter(prefix="/v1", default_response_class=Response)
     areas = [area.id for area in site.areas]
-    zones = [zone.id for zone in site.zones]
 
     @router.get("/positions", tags=["positions"], responses=documented(Positions))
     async def positions() -> Response:
@@ -136,11 +136,6 @@ def _reads(site: Site, site_json: bytes, live: LiveState, health: Callable[[floa
             raise unknown("area", area, areas)
         return _json(live.tracks_json(area, time.time()))
 
-    @router.get("/zones", tags=["zones"], responses=documented(Zones))
-    async def zone_list() -> Response:
-        """The zones and how many people are in each now."""
-        return _json(live.zones_json(time.time()))
-
     @router.get("/alerts", tags=["zones"], responses=documented(Alerts, 404, 422))
     async def alerts(
         since: Annotated[
@@ -156,8 +151,8 @@ def _reads(site: Site, site_json: bytes, live: LiveState, health: Callable[[floa
         ] = None,
     ) -> Response:
         """Who entered and left which zone, newest first; with after, in the order they came, so that none is missed."""
-        if zone is not None and zone not in zones:
-            raise unknown("zone", zone, zones)
+        if zone is not None and zone not in live.zones.ids:
+            raise unknown("zone", zone, list(live.zones.ids)[:100])
         if after is not None:
             try:
                 return _json(msgspec.json.encode(live.alerts_from(time.time(), after, since, zone, limit)))
@@ -168,7 +163,7 @@ def _reads(site: Site, site_json: bytes, live: LiveState, health: Callable[[floa
     @router.get("/site", tags=["site"], responses=documented(SiteView))
     async def site_view() -> Response:
         """What a map needs: floors, areas, cameras and what they see, access points, zones."""
-        return _json(site_json)
+        return _json(admin.site_json)
 
     @router.get("/cameras", tags=["site"], responses=documented(Cameras))
     async def cameras() -> Response:

@@ -30,12 +30,19 @@ SCOPES: dict[str, Scope] = {
     "stream": "positions",
     "alerts": "alerts",
     "zones": "site",
+    "exhibits": "site",
     "site": "site",
     "cameras": "site",
     "health": "health",
     "learning": "learning",
 }
 """The scope that the first part of a path below ``/v1/`` asks for."""
+CHANGES: dict[str, Scope] = {
+    "zones": "zones-admin",
+    "exhibits": "zones-admin",
+    "learning": "learning-admin",
+}
+"""What anything but a read asks for there."""
 ADMIN_READS = frozenset({"/v1/learning/export"})
 """Reads that take all models out of the house."""
 
@@ -130,7 +137,7 @@ def _refusal(connection: Connection, presented: bytes | None, holder: Holder | N
             type="urn:atrium:forbidden",
             title="Scope missing",
             status=403,
-            detail=f"this key may not {'change learning' if needed == 'learning-admin' else 'read ' + needed}",
+            detail=f"this key may not {_MAY_NOT.get(needed, 'read ' + needed)}",
             field="Authorization",
             found=f"a key with the scopes {', '.join(sorted(holder.scopes)) or 'none'}",
             allowed=f"a key with the scope {needed}",
@@ -138,11 +145,16 @@ def _refusal(connection: Connection, presented: bytes | None, holder: Holder | N
     return None
 
 
+_MAY_NOT: dict[Scope, str] = {"learning-admin": "change learning", "zones-admin": "change zones and exhibits"}
+
+
 def _needed_scope(path: str, method: str) -> Scope | None:
     parts = path.split("/", 3)
-    scope = SCOPES.get(parts[2]) if len(parts) > 2 and parts[1] == "v1" else None
-    if scope == "learning" and (method not in ("GET", "HEAD", "OPTIONS") or path in ADMIN_READS):
-        return "learning-admin"
+    if len(parts) <= 2 or parts[1] != "v1":
+        return None
+    scope = SCOPES.get(parts[2])
+    if method not in ("GET", "HEAD", "OPTIONS") or path in ADMIN_READS:
+        return CHANGES.get(parts[2], scope)
     return scope
 
 

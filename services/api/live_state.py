@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-import shapely
 
 from services.api.replies import (
     Alerts,
@@ -29,6 +28,7 @@ from services.api.replies import (
     ZoneReport,
     Zones,
 )
+from services.api.zones_drawn import ZonesDrawn, zones_of
 from shared.erased import Erased
 from shared.messages import Alert, CameraStatus, TrackFrame
 from shared.site import Site
@@ -103,8 +103,7 @@ class LiveState:
         self._arrivals: list[tuple[float, Alert]] = []
         """By arrival; those of before this process began arrived all at once, and stand first, by time of sending."""
         self._alert_ids: set[str] = set()
-        self._polygons = [shapely.Polygon(zone.polygon) for zone in site.zones]
-        shapely.prepare(self._polygons)
+        self._drawn = ZonesDrawn(zones_of(site))
         self._positions = _ReadyBytes(self._build_positions)
         self._tracks: dict[str | None, _ReadyBytes] = {}
         for area in (None, *(area.id for area in site.areas)):
@@ -252,6 +251,16 @@ class LiveState:
     def _arrival(self, alert_id: str) -> int:
         return next(index for index, (_, alert) in enumerate(self._arrivals) if alert.id == alert_id)
 
+    def draw(self, zones: ZonesDrawn) -> None:
+        """Count in these zones from now on."""
+        self._drawn = zones
+        self._version += 1
+
+    @property
+    def zones(self) -> ZonesDrawn:
+        """The zones that hold now."""
+        return self._drawn
+
     def frames(self) -> list[TrackFrame]:
         """Return the newest frame of each area heard of."""
         return [arrived.frame for arrived in self._newest.values()]
@@ -334,31 +343,17 @@ class LiveState:
             ],
         )
 
+    def zone(self, name: str, now: float) -> ZoneReport:
+        """Return one zone and who is in it (KeyError if there is none such)."""
+        return self._build_zones(now).zones[self._drawn.ids[name]]
+
     def _build_zones(self, now: float) -> Zones:
         frames = [arrived.frame for arrived in self._present(now)]
         floor = np.array([name for frame in frames for name in frame.floor], dtype=object)
         x = np.array([value for frame in frames for value in frame.x], dtype=float)
         y = np.array([value for frame in frames for value in frame.y], dtype=float)
         unseen = np.array([state == "unseen" for frame in frames for state in frame.state], dtype=bool)
-        within = [
-            shapely.intersects_xy(polygon, x, y) & (floor == zone.floor)
-            for zone, polygon in zip(self._site.zones, self._polygons, strict=True)
-        ]
-        return Zones(
-            t=now,
-            zones=[
-                ZoneReport(
-                    id=zone.id,
-                    name=zone.name,
-                    floor=zone.floor,
-                    polygon=zone.polygon,
-                    alert_on=zone.alert_on,
-                    inside=int(np.sum(there & ~unseen)),
-                    unseen=int(np.sum(there & unseen)),
-                )
-                for zone, there in zip(self._site.zones, within, strict=True)
-            ],
-        )
+        return Zones(t=now, zones=self._drawn.reports(floor, x, y, unseen))
 
     def _camera(self, camera: str, area: str, now: float) -> CameraReport:
         held = self._statuses.get(camera)

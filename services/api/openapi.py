@@ -19,9 +19,10 @@ __all__ = ["describe", "documented", "error", "errors"]
 _REFERENCE = "#/components/schemas/{name}"
 
 DESCRIPTION = """\
-Who is where, in metres, now, and what the system learns. Read-only, but for orders to learning. Every path below `/v1`
-needs an API key: `Authorization: Bearer KEY` or `X-API-Key: KEY`. Times are seconds since the epoch (UTC), lengths
-metres, covariances `[xx, xy, yy]` in m². Errors are problem details (RFC 9457) that name field, found and allowed."""
+Who is where, in metres, now, what the system learns, and what staff draw and decide. Every path below `/v1` needs an
+API key or the token of a sign-in: `Authorization: Bearer KEY` or `X-API-Key: KEY`. Times are seconds since the epoch
+(UTC), lengths metres, covariances `[xx, xy, yy]` in m². Errors are problem details (RFC 9457) that name field, found
+and allowed."""
 
 
 def documented(body: type[msgspec.Struct], *statuses: int) -> dict[int | str, dict[str, Any]]:
@@ -45,9 +46,11 @@ def error(status: int) -> dict[str, Any]:
         403: "the key lacks the scope",
         404: "an id that names nothing, or nothing is known of it yet",
         409: "not possible now; detail says why",
+        412: "somebody else changed it since it was read; the ETag says to what",
         413: "the body is too large",
         422: "a value out of range",
-        503: "not now: too many streams, or learning does not run; try again after Retry-After seconds",
+        429: "too many requests; try again after Retry-After seconds",
+        503: "not now: too many streams, or what answers it is away; try again after Retry-After seconds",
     }[status]
     return {"description": what, "content": {MEDIA_TYPE: {"schema": {"$ref": _REFERENCE.format(name="Problem")}}}}
 

@@ -10,6 +10,7 @@ from typing import Literal
 import msgspec
 
 from shared.messages import Alert, Covariance, TrackState
+from shared.zones import ZoneRule
 
 __all__ = [
     "AccessPointView",
@@ -118,7 +119,7 @@ class TrackColumns(Reply, frozen=True, kw_only=True):
 
 
 class ZoneReport(Reply, frozen=True, kw_only=True):
-    """One zone and how many people's positions lie in it now.
+    """One zone and how many people's positions lie in it now; of a line nobody.
 
     ``inside`` counts whom cameras see; ``unseen`` devices that are followed by steps and radio alone, whose carriers a
     camera may see and count as well.
@@ -127,10 +128,17 @@ class ZoneReport(Reply, frozen=True, kw_only=True):
     id: str
     name: str
     floor: str
+    shape: Literal["area", "line"]
+    points: Ring
+    rules: list[ZoneRule]
     polygon: Ring
+    """The same as ``points``."""
     alert_on: list[Literal["enter", "exit"]]
+    """Which of the two the rules tell."""
     inside: int
     unseen: int
+    etag: str
+    """For ``If-Match`` of a change; of the zone's definition, not of the counts."""
 
 
 class Zones(Reply, frozen=True, kw_only=True):
@@ -243,12 +251,13 @@ class AccessPointView(Reply, frozen=True, kw_only=True):
 
 
 class ZoneView(Reply, frozen=True, kw_only=True):
-    """A polygon with a name."""
+    """A polygon, or a line, with a name."""
 
     id: str
     name: str
     floor: str
     polygon: Ring
+    shape: Literal["area", "line"] = "area"
 
 
 class SiteView(Reply, frozen=True, kw_only=True):

@@ -12,13 +12,13 @@ import msgspec
 import structlog
 from fastapi import FastAPI
 
+from services.api.admin.administration import Administration
 from services.api.app import create_app
 from services.api.health_report import Presence, health_report
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
 from services.api.replies import HealthReport
 from services.api.settings import DEMO_KEY, ApiSettings
-from services.api.site_view import site_view
 from services.api.stream import Hub, alert_event, camera_event, revision_event
 from shared.bus import Bus, Delivery
 from shared.http_server import serve
@@ -26,6 +26,7 @@ from shared.messages import Alert, CameraStatus, Erasure, Message, Revision, Tra
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
+from shared.zones import ZoneSet
 
 __all__ = ["ApiService"]
 
@@ -49,6 +50,9 @@ class ApiService(Service[ApiSettings]):
         self._presence = Presence()
         self._told: list[str] = []
         self._learning = LearningLink(self.keys, self._ask_once)
+        self._admin = Administration.open(
+            settings, site, self._live, bus.publisher(self.keys.zones(), ZoneSet, cached=True)
+        )
         self._connected = bus.connected
         self._inbox = bus.inbox(capacity=10_000)
         self._strangers: set[str] = set()
@@ -81,11 +85,11 @@ class ApiService(Service[ApiSettings]):
         app = create_app(
             self.settings,
             self.site,
-            msgspec.json.encode(site_view(self.site)),
             self._live,
             self._hub,
             self._health_report,
             self._learning,
+            self._admin,
             self._lifespan,
         )
         serve(app, self.settings.api_host, self.settings.api_port, self.stopping)

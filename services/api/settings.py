@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SecretStr, field_validator
@@ -10,15 +11,19 @@ from pydantic_settings import NoDecode
 
 from shared.settings import ServiceSettings
 
-__all__ = ["ALL_SCOPES", "DEMO_KEY", "READ_SCOPES", "ApiKey", "ApiSettings", "Scope"]
+__all__ = ["ALL_SCOPES", "DEMO_KEY", "READ_SCOPES", "ApiKey", "ApiSettings", "Scope", "default_api_database_url"]
 
 DEMO_KEY = "demo-api-key"
+DEFAULT_DATABASE = "sqlite:///atrium-api.db"
 
-Scope = Literal["positions", "alerts", "site", "health", "learning", "learning-admin"]
+Scope = Literal[
+    "positions", "alerts", "site", "health", "learning", "learning-admin", "zones-admin", "accounts", "audit"
+]
 """What a key may read: positions and tracks; alerts; the site, its zones and cameras; health; what is learned. And what
-it may do: ``learning-admin`` rolls models back, freezes learning, takes models out and brings them in."""
+it may do: ``learning-admin`` rolls models back, freezes learning, takes models out and brings them in; ``zones-admin``
+draws zones and exhibits; ``accounts`` issues keys and lets people in; ``audit`` reads who did what."""
 ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
-READ_SCOPES: tuple[Scope, ...] = tuple(scope for scope in ALL_SCOPES if scope != "learning-admin")
+READ_SCOPES: tuple[Scope, ...] = ("positions", "alerts", "site", "health", "learning")
 
 
 class ApiKey(BaseModel):
@@ -55,6 +60,12 @@ def _read_keys(value: Any) -> Any:
     return value
 
 
+def default_api_database_url() -> str:
+    """Return ``ATRIUM_API_DATABASE_URL``, else ``ATRIUM_DATABASE_URL``, else a file in the working directory."""
+    variables = ("ATRIUM_API_DATABASE_URL", "ATRIUM_DATABASE_URL")
+    return next((url for name in variables if (url := os.environ.get(name))), DEFAULT_DATABASE)
+
+
 class ApiSettings(ServiceSettings):
     """Settings of the HTTP interface for staff software."""
 
@@ -65,6 +76,10 @@ class ApiSettings(ServiceSettings):
     api_keys: Annotated[tuple[ApiKey, ...], NoDecode, BeforeValidator(_read_keys)] = Field(
         (ApiKey(name="demo", key=SecretStr(DEMO_KEY), scopes=ALL_SCOPES),),
         description='keys of the staff: KEY[,KEY] (may read everything) or JSON [{"name","key","scopes"}]',
+    )
+    api_database_url: SecretStr = Field(
+        default_factory=lambda: SecretStr(default_api_database_url()),
+        description="sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME; the gateway's may be shared",
     )
     cors_origins: list[str] = Field([], description="web origins whose pages may call the API; none by default")
     positions_kept: float = Field(120.0, gt=0, le=86400, description="seconds a device's last known position is told")

@@ -150,6 +150,7 @@ class Demo:
 
     def _plan(self) -> tuple[list[ProcessSpec], list[ProcessSpec]]:
         database = self._folder / f"{self.site.site}.db"
+        kept = self._folder / f"{self.site.site}-api.db"
         models = self._folder / f"{self.site.site}-learning.db"
         # For a fusion that is killed in mid-run; who was about in the demo before is nobody's business now.
         state = self._folder / f"{self.site.site}-state"
@@ -178,7 +179,7 @@ class Demo:
             ),
             ("geofence", "services.geofence", {}),
             ("learning", "services.learning", {"ATRIUM_LEARNING_DATABASE_URL": f"sqlite:///{models}"}),
-            ("api", "services.api", {"ATRIUM_API_PORT": str(self.ports.api)}),
+            ("api", "services.api", {"ATRIUM_API_PORT": str(self.ports.api), "ATRIUM_API_DATABASE_URL": f"sqlite:///{kept}"}),
         ]
         if self._dashboard:
             settings = {"ATRIUM_DASHBOARD_PORT": str(self.ports.dashboard), "ATRIUM_API_URL": self.api_url}

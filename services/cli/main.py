@@ -212,9 +212,12 @@ def simulate(
 def migrate() -> None:
     """Bring the databases of all services up to date; run once before the services start.
 
-    ATRIUM_DATABASE_URL is the gateway's, ATRIUM_LEARNING_DATABASE_URL learning's, by default the same.
+    ATRIUM_DATABASE_URL is the gateway's, ATRIUM_LEARNING_DATABASE_URL learning's, ATRIUM_API_DATABASE_URL the API's, by
+    default the same.
     """
     # Only this command needs the libraries of databases.
+    from services.api.admin.database import migrate as migrate_api
+    from services.api.settings import default_api_database_url
     from services.gateway.devices.database import migrate as migrate_gateway
     from services.gateway.settings import default_database_url
     from services.learning.activation.database import migrate as migrate_learning
@@ -223,6 +226,7 @@ def migrate() -> None:
     try:
         migrate_gateway(default_database_url())
         migrate_learning(default_learning_database_url())
+        migrate_api(default_api_database_url())
     except ServiceError as error:
         console.print(f"[red]{escape(str(error))}[/red]")
         raise typer.Exit(1) from None

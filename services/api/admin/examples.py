@@ -1,0 +1,52 @@
+"""One example for each body of what the API keeps itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from services.api.admin.exhibits import ExhibitDefinition
+from services.api.admin.replies import Exhibit, Exhibits
+from shared.zones import ZoneDefinition
+
+__all__ = ["ADMIN_EXAMPLES", "RULE"]
+
+RULE: dict[str, Any] = {
+    "id": "too-long",
+    "kind": "dwell",
+    "limit": None,
+    "direction": "both",
+    "target": "",
+    "audience": "everybody",
+    "devices": [],
+    "schedule": None,
+    "confidence": 0.5,
+    "quiet": 0.0,
+}
+_SCHEDULE = {"days": [0, 1, 2, 3, 4, 5, 6], "since": "18:00", "until": "08:00"}
+_EXHIBIT: dict[str, Any] = {
+    "id": "vase",
+    "name": "A vase",
+    "floor": "ground",
+    "x": 5.0,
+    "y": 4.0,
+    "reach": 8.0,
+    "facing": None,
+}
+
+ADMIN_EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
+    ZoneDefinition: {
+        "id": "vault",
+        "name": "Vault",
+        "floor": "ground",
+        "shape": "area",
+        "points": [[7.0, 4.0], [13.0, 4.0], [13.0, 6.5], [7.0, 6.5]],
+        "rules": [
+            {**RULE, "id": "too-long", "kind": "dwell", "limit": 30.0, "audience": "anonymous", "schedule": _SCHEDULE}
+        ],
+    },
+    ExhibitDefinition: _EXHIBIT,
+    Exhibit: {**_EXHIBIT, "etag": '"a1b2c3d4e5f60718a1"'},
+    Exhibits: {"t": 1767225600.28, "exhibits": [{**_EXHIBIT, "etag": '"a1b2c3d4e5f60718a1"'}]},
+}

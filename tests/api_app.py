@@ -1,0 +1,89 @@
+"""The API's application without bus or port: for tests of routes."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from fastapi.testclient import TestClient
+from pydantic import SecretStr
+
+from services.api.admin.administration import Administration
+from services.api.app import create_app
+from services.api.learning_link import LearningLink
+from services.api.live_state import LiveState
+from services.api.replies import HealthReport
+from services.api.settings import ApiSettings
+from services.api.stream import Hub
+from shared.keys import Keys
+from shared.messages import TrackFrame
+from shared.site import Site, load_site
+from shared.zones import ZoneSet
+
+SITE = Path(__file__).resolve().parent.parent / "deploy/sites/hall/site.yaml"
+DEMO = {"Authorization": "Bearer demo-api-key"}
+ANCHOR = {"latitude": 48.8606, "longitude": 2.3376}
+
+
+class Published:
+    """Stands for the bus."""
+
+    def __init__(self) -> None:
+        self.sets: list[ZoneSet] = []
+
+    def publish(self, message: ZoneSet) -> None:
+        self.sets.append(message)
+
+
+class Api:
+    """One application, what it published, and a client with the demo's key."""
+
+    def __init__(self, folder: Path, site: Site, **changes: Any) -> None:
+        url = changes.pop("api_database_url", f"sqlite:///{folder}/api.db")
+        settings = ApiSettings(site_file=SITE, profile="demo", api_database_url=SecretStr(url), **changes)
+        self.published = Published()
+        self.live = LiveState(site, 60.0, 60.0, 100)
+        self.admin = Administration.open(settings, site, self.live, self.published)  # type: ignore[arg-type]
+        empty = HealthReport(t=0.0, status="ok", problems=[], services=[], areas=[], cameras=[])
+        link = LearningLink(Keys("hall"), lambda *_: None)
+        self.app = create_app(settings, site, self.live, Hub(10.0, 5.0, 10), lambda _: empty, link, self.admin)
+        self.client = TestClient(self.app, headers=DEMO, raise_server_exceptions=False)
+
+    def people(self, *places: tuple[str | None, float, float], **columns: Any) -> None:
+        """Let people be seen at (device, x, y) on the hall's ground floor, now."""
+        n = len(places)
+        told: dict[str, Any] = {
+            "area": "hall",
+            "chunk": 0,
+            "tracker": "test",
+            "track": list(range(1, n + 1)),
+            "floor": ["ground"] * n,
+            "x": [x for _, x, _ in places],
+            "y": [y for _, _, y in places],
+            "covariance": [(0.01, 0.0, 0.01)] * n,
+            "vx": [0.0] * n,
+            "vy": [0.0] * n,
+            "state": ["confirmed"] * n,
+            "device": [device for device, _, _ in places],
+            "probability": [0.9] * n,
+            "runner_up": [None] * n,
+            "runner_up_probability": [0.0] * n,
+            "former": [[] for _ in range(n)],
+            "sources": [["hall-east"] for _ in range(n)],
+            "quality": [0.8] * n,
+        }
+        now = time.time()
+        assert self.live.take_tracks(TrackFrame(t=now, **(told | columns)), now)
+
+
+def hall(**changes: Any) -> Site:
+    return load_site(SITE).model_copy(update=changes)
+
+
+@contextmanager
+def api(folder: Path, site: Site | None = None, **changes: Any) -> Iterator[Api]:
+    """One application until the block ends."""
+    made = Api(folder, site or hall(), **changes)
+    with made.client:
+        yield made
