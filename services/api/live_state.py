@@ -38,6 +38,9 @@ __all__ = ["LiveState"]
 REBUILD_AFTER = 0.2
 """Seconds after which ready-made bytes are built anew even when nothing came: ages must grow."""
 
+WALKS = 0.3
+"""Metres per second from which a velocity tells where somebody looks; slower, it is noise."""
+
 CLOCK_SET_BACK = 5.0
 """Seconds by which a message must be older than the one held for it to be a clock set back and no late message."""
 
@@ -53,6 +56,8 @@ class _Arrived:
 class _Fix:
     arrived: _Arrived
     index: int
+    heading: tuple[float, float] | None = None
+    """Radians counter-clockwise from +x, and when its carrier last walked that way."""
 
 
 class _ReadyBytes:
@@ -132,7 +137,7 @@ class LiveState:
                 known = self._fixes.get(device)
                 # Two tracks of one frame may claim a device while it changes hands: the surer one has it.
                 if known is None or known.arrived is not arrived or _surer(arrived.frame, index, known.index):
-                    self._fixes[device] = _Fix(arrived, index)
+                    self._fixes[device] = _Fix(arrived, index, _heading(arrived.frame, index, known))
         self._version += 1
         return True
 
@@ -197,6 +202,11 @@ class LiveState:
         if fix is None or now - fix.arrived.origin > self._positions_kept:
             return None
         return self._told(device, fix, now)
+
+    def heading(self, device: str) -> tuple[float, float] | None:
+        """Return where a device's carrier walked last, radians counter-clockwise from +x, and when; None: nowhere."""
+        fix = self._fixes.get(device)
+        return None if fix is None else fix.heading
 
     def tracks_json(self, area: str | None, now: float) -> bytes:
         """Return the body of ``GET /v1/tracks`` for one area (KeyError if the site has none such) or for all."""
@@ -385,6 +395,13 @@ class LiveState:
 
 def _age(now: float, origin: float) -> float:
     return round(max(0.0, now - origin), 3)
+
+
+def _heading(frame: TrackFrame, index: int, known: _Fix | None) -> tuple[float, float] | None:
+    vx, vy = frame.vx[index], frame.vy[index]
+    if vx * vx + vy * vy >= WALKS * WALKS:
+        return math.atan2(vy, vx), frame.t
+    return None if known is None else known.heading
 
 
 def _surer(frame: TrackFrame, index: int, than: int) -> bool:

@@ -14,6 +14,7 @@ from services.api.admin.catalogue import Catalogue, Entry
 from services.api.admin.catalogue_routes import Answers, catalogue_routes
 from services.api.admin.database import migrate, open_admin
 from services.api.admin.exhibits import MOST_EXHIBITS, ExhibitDefinition
+from services.api.admin.in_front_route import in_front_route
 from services.api.admin.replies import Exhibit, Exhibits
 from services.api.admin.shapes import EXHIBIT, ZONE
 from services.api.admin.zone_check import MOST_ZONES
@@ -102,6 +103,7 @@ def admin_routes(admin: Administration) -> APIRouter:
     exhibits = Answers(Exhibit, Exhibits, _exhibit, every_exhibit)
     router.include_router(catalogue_routes(admin.site, ZONE, admin.zones, zones, admin.redraw))
     router.include_router(catalogue_routes(admin.site, EXHIBIT, admin.exhibits, exhibits, lambda: None))
+    router.include_router(in_front_route(admin.site, admin.live, admin.exhibits))
     return router
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from services.api.admin.exhibits import ExhibitDefinition
-from services.api.admin.replies import Exhibit, Exhibits
+from services.api.admin.replies import Exhibit, Exhibits, ExhibitsInFront
 from shared.zones import ZoneDefinition
 
 __all__ = ["ADMIN_EXAMPLES", "RULE"]
@@ -48,5 +48,16 @@ ADMIN_EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     },
     ExhibitDefinition: _EXHIBIT,
     Exhibit: {**_EXHIBIT, "etag": '"a1b2c3d4e5f60718a1"'},
+    ExhibitsInFront: {
+        "t": 1767225600.28,
+        "device": "d-7f3a",
+        "floor": "ground",
+        "x": 5.2,
+        "y": 1.9,
+        "age": 0.08,
+        "heading": 92.5,
+        "heading_age": 4.2,
+        "exhibits": [{"id": "vase", "name": "A vase", "distance": 2.11, "bearing": 3.0}],
+    },
     Exhibits: {"t": 1767225600.28, "exhibits": [{**_EXHIBIT, "etag": '"a1b2c3d4e5f60718a1"'}]},
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from services.api.replies import Reply
 
-__all__ = ["Exhibit", "Exhibits"]
+__all__ = ["Exhibit", "ExhibitInFront", "Exhibits", "ExhibitsInFront"]
 
 
 class Exhibit(Reply, frozen=True, kw_only=True):
@@ -26,3 +26,31 @@ class Exhibits(Reply, frozen=True, kw_only=True):
 
     t: float
     exhibits: list[Exhibit]
+
+
+class ExhibitInFront(Reply, frozen=True, kw_only=True):
+    """One exhibit that a visitor may be looking at."""
+
+    id: str
+    name: str
+    distance: float
+    """Metres."""
+    bearing: float | None
+    """Degrees left of where the visitor looks; null where nobody knows that."""
+
+
+class ExhibitsInFront(Reply, frozen=True, kw_only=True):
+    """What is in front of one visitor, nearest first."""
+
+    t: float
+    device: str
+    floor: str
+    x: float
+    y: float
+    age: float
+    heading: float | None
+    """Where they look, taken from how they walked last: degrees counter-clockwise from the plan's +x axis; null: they
+    have not walked."""
+    heading_age: float | None
+    """Seconds since they walked."""
+    exhibits: list[ExhibitInFront]
