@@ -15,6 +15,7 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import RedirectResponse, Response, StreamingResponse
 
 from services.api.admin.administration import Administration, admin_routes
+from services.api.admin.audit_layer import Audited
 from services.api.auth import Guard, KeyRing
 from services.api.hot_reads import HotReads
 from services.api.learning_link import LearningLink
@@ -85,11 +86,20 @@ def create_app(
         "/v1/cameras": live.cameras_json,
         "/v1/site": lambda _: admin.site_json,
     }
-    layers = [Middleware(Guard, ring=KeyRing(settings.api_keys)), Middleware(HotReads, sources=sources)]
+    layers = [
+        Middleware(Guard, ring=KeyRing(settings.api_keys, lambda: admin.accounts.holders)),
+        Middleware(HotReads, sources=sources),
+        Middleware(Audited, audit=admin.audit),
+    ]
     if settings.cors_origins:
-        headers = ["Authorization", "X-API-Key", "Last-Event-ID"]
+        headers = ["Authorization", "X-API-Key", "Last-Event-ID", "Content-Type", "If-Match", "If-None-Match"]
+        methods = ["GET", "POST", "PUT", "DELETE"]
         cors = Middleware(
-            CORSMiddleware, allow_origins=settings.cors_origins, allow_methods=["GET"], allow_headers=headers
+            CORSMiddleware,
+            allow_origins=settings.cors_origins,
+            allow_methods=methods,
+            allow_headers=headers,
+            expose_headers=["ETag", "Location", "Retry-After"],
         )
         layers.insert(0, cors)
     app = FastAPIOffline(redoc_url=None, title="Atrium", version="1", lifespan=lifespan, middleware=layers)

@@ -12,11 +12,11 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from services.api.auth import Holder, needs
-from services.api.bodies import invalid, read_body
 from services.api.learning_link import LearningLink
 from services.api.learning_replies import LearningDone, RollBack
 from services.api.openapi import documented, errors
 from services.api.problems import Problem, ProblemError
+from services.api.request_body import invalid, read_body
 from shared.keys import is_identifier
 from shared.learning_command import LearningAnswer, LearningCommand
 from shared.learning_report import ModelKind

@@ -14,7 +14,7 @@ from services.api.problems import MEDIA_TYPE, Problem
 from services.api.replies import CameraReport, TrackColumns
 from shared.messages import Alert
 
-__all__ = ["describe", "documented", "error", "errors"]
+__all__ = ["GONE", "created", "describe", "documented", "error", "errors"]
 
 _REFERENCE = "#/components/schemas/{name}"
 
@@ -37,6 +37,17 @@ def documented(body: type[msgspec.Struct], *statuses: int) -> dict[int | str, di
 def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """Return the error answers of a route that needs a key and may answer these ``statuses`` besides."""
     return {status: error(status) for status in (401, 403, *statuses)}
+
+
+GONE: dict[int | str, dict[str, Any]] = {204: {"description": "It is gone."}}
+"""The answer of a route that takes something out."""
+
+
+def created(body: type[msgspec.Struct], *statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Return the ``responses`` of a route that makes a thing and answers 201 and ``body``, or one of these errors."""
+    answers = documented(body, *statuses)
+    answers[201] = answers.pop(200)
+    return answers
 
 
 def error(status: int) -> dict[str, Any]:

@@ -113,6 +113,7 @@ class ApiService(Service[ApiSettings]):
         yield
         for thread in threads:
             await asyncio.to_thread(thread.join, 1.0)
+        await asyncio.to_thread(self._keep)
 
     def _read_bus(self, loop: asyncio.AbstractEventLoop) -> None:
         while not self.stopping.is_set():
@@ -128,7 +129,16 @@ class ApiService(Service[ApiSettings]):
             connected = self.bus.connected
             alive = self.bus.present(self.keys.alive()) if connected else []
             told = self._ask_health() if connected else []
+            self._keep()
             loop.call_soon_threadsafe(self._note, connected, alive, told)
+
+    def _keep(self) -> None:
+        """Write down who looked whom up, and say so when that cannot be."""
+        reason = self._admin.keep()
+        if reason is None:
+            self.health.well("database")
+        else:
+            self.health.degraded("database", f"{reason}: nothing can be changed, and nobody looked up for long")
 
     def _ask_once(self, key: str, timeout: float, payload: bytes | None) -> bytes | None:
         """The first answer to a query, None if nobody answers."""
@@ -178,6 +188,7 @@ class ApiService(Service[ApiSettings]):
                     self._hub.send("revision", message.area, message.area, revision_event(told_anew))
             elif isinstance(message, Erasure):
                 self._live.erase(message.device)
+                self._admin.erase(message.device)
                 self._learning.forget()
                 self._hub.drop("revision")
             elif isinstance(message, CameraStatus):

@@ -17,11 +17,21 @@ DEMO_KEY = "demo-api-key"
 DEFAULT_DATABASE = "sqlite:///atrium-api.db"
 
 Scope = Literal[
-    "positions", "alerts", "site", "health", "learning", "learning-admin", "zones-admin", "accounts", "audit"
+    "positions",
+    "alerts",
+    "site",
+    "health",
+    "learning",
+    "learning-admin",
+    "zones-admin",
+    "accounts",
+    "audit",
+    "acknowledge",
 ]
 """What a key may read: positions and tracks; alerts; the site, its zones and cameras; health; what is learned. And what
 it may do: ``learning-admin`` rolls models back, freezes learning, takes models out and brings them in; ``zones-admin``
-draws zones and exhibits; ``accounts`` issues keys and lets people in; ``audit`` reads who did what."""
+draws zones and exhibits; ``accounts`` issues keys and lets people in; ``audit`` reads who did what; ``acknowledge``
+notes who looked at an alert."""
 ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
 READ_SCOPES: tuple[Scope, ...] = ("positions", "alerts", "site", "health", "learning")
 
@@ -81,6 +91,12 @@ class ApiSettings(ServiceSettings):
         default_factory=lambda: SecretStr(default_api_database_url()),
         description="sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME; the gateway's may be shared",
     )
+    key_rate: float = Field(
+        50.0, gt=0, le=100_000, description="requests per second of a key that is issued, unless it says otherwise"
+    )
+    session_rate: float = Field(100.0, gt=0, le=100_000, description="requests per second of a sign-in of staff")
+    session_hours: float = Field(12.0, gt=0, le=720, description="hours until staff have to sign in again")
+    audit_days: float = Field(365.0, gt=0, le=36500, description="days the audit log is kept")
     cors_origins: list[str] = Field([], description="web origins whose pages may call the API; none by default")
     positions_kept: float = Field(120.0, gt=0, le=86400, description="seconds a device's last known position is told")
     tracks_kept: float = Field(10.0, gt=0, le=3600, description="seconds an area's last tracks are told")

@@ -15,10 +15,10 @@ from starlette.responses import Response
 from services.api.admin.catalogue import Catalogue, Entry
 from services.api.admin.geojson import GEOJSON, Crs, collection, placed
 from services.api.admin.shapes import Kind
-from services.api.bodies import described, invalid, read_body
 from services.api.examples import EXAMPLES
-from services.api.openapi import documented, errors
+from services.api.openapi import GONE, created, documented, errors
 from services.api.replies import Reply
+from services.api.request_body import described, invalid, read_body
 from shared.site import Site
 from shared.site.geographic import PlanOnEarth
 
@@ -94,7 +94,7 @@ def catalogue_routes(
             raise invalid("crs", crs, f"plan; wgs84 goes with Accept: {GEOJSON}")
         return Response(answers.every(), media_type="application/json")
 
-    @router.post("", status_code=201, responses=_created(answers.shape), openapi_extra=body)
+    @router.post("", status_code=201, responses=created(answers.shape, 409, 413, 422, 503), openapi_extra=body)
     async def add(request: Request, crs: Annotated[Crs, _CRS] = "plan") -> Response:
         """Add one; a GeoJSON FeatureCollection adds all that are in it, or none."""
         entries = await run_in_threadpool(catalogue.add, await read(request, crs))
@@ -126,7 +126,7 @@ def catalogue_routes(
         changed()
         return respond(entry)
 
-    @router.delete("/{item}", status_code=204, responses=_GONE | errors(404, 409, 412, 503))
+    @router.delete("/{item}", status_code=204, responses=GONE | errors(404, 409, 412, 503))
     async def remove(item: str, request: Request, if_match: Annotated[str | None, _IF_MATCH] = None) -> Response:
         """Take one out."""
         before = await run_in_threadpool(catalogue.remove, item, if_match)
@@ -135,12 +135,3 @@ def catalogue_routes(
         return Response(status_code=204)
 
     return router
-
-
-_GONE: dict[int | str, dict[str, Any]] = {204: {"description": "It is gone."}}
-
-
-def _created(shape: type[Reply]) -> dict[int | str, dict[str, Any]]:
-    answers = documented(shape, 409, 413, 422, 503)
-    answers[201] = answers.pop(200)
-    return answers

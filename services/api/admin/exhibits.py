@@ -11,7 +11,7 @@ import shapely
 from msgspec import Meta
 
 from services.api.admin.zone_check import FARTHEST, check_floor
-from services.api.bodies import invalid
+from services.api.request_body import invalid
 from shared.zones import Id
 
 __all__ = ["MOST_EXHIBITS", "ExhibitDefinition", "check_exhibit"]

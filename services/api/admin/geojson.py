@@ -8,7 +8,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from services.api.bodies import invalid
+from services.api.request_body import invalid
 from shared.site.geographic import PlanOnEarth
 
 __all__ = ["GEOJSON", "Crs", "collection", "features_of", "place_of", "placed"]

@@ -12,7 +12,7 @@ import shapely
 from services.api.admin.exhibits import ExhibitDefinition, check_exhibit
 from services.api.admin.geojson import feature, features_of, place_of
 from services.api.admin.zone_check import check_zone
-from services.api.bodies import invalid, only_known, read_json
+from services.api.request_body import invalid, only_known, read_json
 from shared.site.geographic import PlanOnEarth
 from shared.zones import ZoneDefinition
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import shapely
 
-from services.api.bodies import invalid
+from services.api.request_body import invalid
 from shared.zones import ZoneDefinition, ZoneRule
 
 __all__ = ["MOST_ZONES", "check_floor", "check_zone"]

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Request, Response
 from prometheus_client import Counter
 
 from services.gateway.devices.enrolment import key_of, qr_svg, qr_text, same_key
-from services.gateway.devices.rate_limiter import RateLimiter
+from shared.rate_limiter import RateLimiter
 from services.gateway.devices.storage import Newcomer, TransmitterTakenError
 from services.gateway.devices.tokens import SCOPES, TokenSigner
 from services.gateway.devices.transmitters import FORMS, can_be_enrolled

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from services.gateway.devices.rate_limiter import RateLimiter
+from shared.rate_limiter import RateLimiter
 from services.gateway.devices.storage import Registered
 from services.gateway.errors import RequestError
 from services.gateway.phones.phone import NATIVE

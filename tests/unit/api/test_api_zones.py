@@ -133,15 +133,16 @@ def test_a_zone_that_means_nothing_is_refused_by_field(changes: dict[str, Any], 
     assert problem.allowed
 
 
-@pytest.mark.parametrize(
-    "body", [b"", b"[", b"7", b"null", b"[]", b'"\xff"', b"[" * 100_000, b'{"id": "a"', b"{}", b'{"id": "\\ud800"}']
-)
-def test_what_is_no_zone_at_all_is_refused(body: bytes, tmp_path: Path) -> None:
+NO_ZONES = [b"", b"[", b"7", b"null", b"[]", b'"\xff"', b"[" * 100_000, b'{"id": "a"', b"{}", b'{"id": "\\ud800"}']
+
+
+def test_what_is_no_zone_at_all_is_refused(tmp_path: Path) -> None:
     with api(tmp_path) as here:
-        for headers in ({}, AS_GEOJSON):
-            reply = here.client.post("/v1/zones", content=body, headers=headers)
-            assert reply.status_code == 422
-            assert reply.json()["field"]
+        for body in NO_ZONES:
+            for headers in ({}, AS_GEOJSON):
+                reply = here.client.post("/v1/zones", content=body, headers=headers)
+                assert reply.status_code == 422
+                assert reply.json()["field"]
         assert len(names(here)) == 2
         assert here.published.sets == []
 
@@ -165,7 +166,8 @@ def test_a_hundred_thousand_zones_are_refused_as_a_whole(tmp_path: Path) -> None
 
     with api(tmp_path) as here:
         for count, status in ((100_000, 413), (2000, 409), (500, 201)):
-            body = msgspec.json.encode({"type": "FeatureCollection", "features": [square(n) for n in range(count)]})
+            drawn = b",".join(msgspec.json.encode(square(n)) for n in range(count))
+            body = b'{"type": "FeatureCollection", "features": [' + drawn + b"]}"
             reply = here.client.post("/v1/zones", content=body, headers=AS_GEOJSON)
             assert reply.status_code == status, reply.text[:300]
         assert len(names(here)) == 502
