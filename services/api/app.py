@@ -24,15 +24,13 @@ from services.api.learning_orders import learning_orders
 from services.api.learning_reads import learning_reads
 from services.api.live_state import LiveState
 from services.api.openapi import describe, documented, error
+from services.api.position_routes import position_routes
 from services.api.problems import Problem, ProblemError, tell_problems, unknown
 from services.api.replies import (
     Alerts,
     Cameras,
     HealthReport,
-    Position,
-    Positions,
     SiteView,
-    Tracks,
 )
 from services.api.settings import ApiSettings
 from services.api.stream import Hub, alert_event, camera_event, tracks_event
@@ -105,7 +103,8 @@ def create_app(
     app = FastAPIOffline(redoc_url=None, title="Atrium", version="1", lifespan=lifespan, middleware=layers)
     tell_problems(app)
     describe(app)
-    app.include_router(_reads(site, live, health, admin))
+    app.include_router(position_routes(site, live))
+    app.include_router(_reads(live, health, admin))
     app.include_router(_stream(site, live, hub))
     app.include_router(admin_routes(admin))
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
@@ -122,29 +121,8 @@ def _json(body: bytes) -> Response:
     return Response(body, media_type="application/json")
 
 
-def _reads(site: Site, live: LiveState, health: Callable[[float], HealthReport], admin: Administration) -> APIRouter:
+def _reads(live: LiveState, health: Callable[[float], HealthReport], admin: Administration) -> APIRouter:
     router = APIRouter(prefix="/v1", default_response_class=Response)
-    areas = [area.id for area in site.areas]
-
-    @router.get("/positions", tags=["positions"], responses=documented(Positions))
-    async def positions() -> Response:
-        """Where every located device is, or was last, while that is not too long ago (see age)."""
-        return _json(live.positions_json(time.time()))
-
-    @router.get("/positions/{device}", tags=["positions"], responses=documented(Position, 404))
-    async def position(device: str) -> Response:
-        """Where one device is."""
-        found = live.position(device, time.time())
-        if found is None:
-            raise unknown("device", device)
-        return _json(msgspec.json.encode(found))
-
-    @router.get("/tracks", tags=["positions"], responses=documented(Tracks, 404))
-    async def tracks(area: Annotated[str | None, Query(description="only this area")] = None) -> Response:
-        """Everybody, also people without a phone, in the newest frame of each area."""
-        if area is not None and area not in areas:
-            raise unknown("area", area, areas)
-        return _json(live.tracks_json(area, time.time()))
 
     @router.get("/alerts", tags=["zones"], responses=documented(Alerts, 404, 422))
     async def alerts(

@@ -8,7 +8,18 @@ import msgspec
 
 from services.api.admin.examples import ADMIN_EXAMPLES, RULE
 from services.api.learning_examples import LEARNING_EXAMPLES
-from services.api.replies import Alerts, Cameras, HealthReport, Position, Positions, SiteView, Tracks, ZoneReport, Zones
+from services.api.replies import (
+    Alerts,
+    Cameras,
+    Devices,
+    HealthReport,
+    Position,
+    Positions,
+    SiteView,
+    Tracks,
+    ZoneReport,
+    Zones,
+)
 
 __all__ = ["EXAMPLES"]
 
@@ -71,7 +82,23 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     **ADMIN_EXAMPLES,
     ZoneReport: _ZONE,
     Position: _POSITION,
-    Positions: {"t": 1767225600.28, "positions": [_POSITION]},
+    Positions: {"t": 1767225600.28, "positions": [_POSITION], "next": None},
+    Devices: {
+        "t": 1767225600.28,
+        "devices": [
+            {
+                "device": "d-7f3a",
+                "state": "confirmed",
+                "area": "hall",
+                "floor": "ground",
+                "zones": ["entrance"],
+                "probability": 0.97,
+                "t": 1767225600.2,
+                "age": 0.08,
+            }
+        ],
+        "next": None,
+    },
     Tracks: {
         "t": 1767225600.28,
         "tracks": [
@@ -85,6 +112,7 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
                 "quality": 0.93,
             }
         ],
+        "next": None,
     },
     Zones: {
         "t": 1767225600.28,

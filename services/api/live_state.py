@@ -196,6 +196,14 @@ class LiveState:
         """Return the body of ``GET /v1/positions``."""
         return self._positions.at(now, self._version)
 
+    def positions(self, now: float) -> list[Position]:
+        """Return where every device is."""
+        return self._build_positions(now).positions
+
+    def tracks(self, area: str | None, now: float) -> list[Track]:
+        """Return everybody in the newest frame of one area or of all."""
+        return self._build_tracks(now, area).tracks
+
     def position(self, device: str, now: float) -> Position | None:
         """Return where one device is, None if it has not been located lately."""
         fix = self._fixes.get(device)

@@ -20,6 +20,8 @@ __all__ = [
     "CameraReport",
     "CameraView",
     "Cameras",
+    "Device",
+    "Devices",
     "FloorView",
     "HealthReport",
     "ObstacleView",
@@ -69,6 +71,8 @@ class Positions(Reply, frozen=True, kw_only=True):
 
     t: float
     positions: list[Position]
+    next: str | None = None
+    """The ``cursor`` that asks for the next ones; null: these are all."""
 
 
 class Track(Reply, frozen=True, kw_only=True):
@@ -98,6 +102,31 @@ class Tracks(Reply, frozen=True, kw_only=True):
 
     t: float
     tracks: list[Track]
+    next: str | None = None
+    """As of positions."""
+
+
+class Device(Reply, frozen=True, kw_only=True):
+    """One device that is located, or was lately."""
+
+    device: str
+    state: Literal["confirmed", "coasting", "unseen", "lost"]
+    area: str
+    floor: str
+    zones: list[str]
+    """Where it is."""
+    probability: float
+    t: float
+    age: float
+
+
+class Devices(Reply, frozen=True, kw_only=True):
+    """The devices, by name."""
+
+    t: float
+    devices: list[Device]
+    next: str | None = None
+    """As of positions."""
 
 
 class TrackColumns(Reply, frozen=True, kw_only=True):
