@@ -66,29 +66,34 @@ class Api:
 
     def people(self, *places: tuple[str | None, float, float], **columns: Any) -> None:
         """Let people be seen at (device, x, y) on the hall's ground floor, now."""
-        n = len(places)
-        told: dict[str, Any] = {
-            "area": "hall",
-            "chunk": 0,
-            "tracker": "test",
-            "track": list(range(1, n + 1)),
-            "floor": ["ground"] * n,
-            "x": [x for _, x, _ in places],
-            "y": [y for _, _, y in places],
-            "covariance": [(0.01, 0.0, 0.01)] * n,
-            "vx": [0.0] * n,
-            "vy": [0.0] * n,
-            "state": ["confirmed"] * n,
-            "device": [device for device, _, _ in places],
-            "probability": [0.9] * n,
-            "runner_up": [None] * n,
-            "runner_up_probability": [0.0] * n,
-            "former": [[] for _ in range(n)],
-            "sources": [["hall-east"] for _ in range(n)],
-            "quality": [0.8] * n,
-        }
         now = time.time()
-        assert self.live.take_tracks(TrackFrame(t=now, **(told | columns)), now)
+        assert self.live.take_tracks(people(now, *places, **columns), now)
+
+
+def people(t: float, *places: tuple[str | None, float, float], **columns: Any) -> TrackFrame:
+    """A frame with people at (device, x, y) on the hall's ground floor."""
+    n = len(places)
+    told: dict[str, Any] = {
+        "area": "hall",
+        "chunk": 0,
+        "tracker": "test",
+        "track": list(range(1, n + 1)),
+        "floor": ["ground"] * n,
+        "x": [x for _, x, _ in places],
+        "y": [y for _, _, y in places],
+        "covariance": [(0.01, 0.0, 0.01)] * n,
+        "vx": [0.0] * n,
+        "vy": [0.0] * n,
+        "state": ["confirmed"] * n,
+        "device": [device for device, _, _ in places],
+        "probability": [0.9] * n,
+        "runner_up": [None] * n,
+        "runner_up_probability": [0.0] * n,
+        "former": [[] for _ in range(n)],
+        "sources": [["hall-east"] for _ in range(n)],
+        "quality": [0.8] * n,
+    }
+    return TrackFrame(t=t, **(told | columns))
 
 
 def hall(**changes: Any) -> Site:
