@@ -52,9 +52,9 @@ class Api:
     """One application, what it published, and a client with the demo's key."""
 
     def __init__(self, folder: Path, site: Site, **changes: Any) -> None:
-        if not (folder / "api.db").exists():
+        url = changes.pop("api_database_url", f"sqlite:///{folder}/api.db")
+        if url.startswith("sqlite") and not (folder / "api.db").exists():
             shutil.copy(_tables(), folder / "api.db")
-        url = f"sqlite:///{folder}/api.db"
         settings = ApiSettings(site_file=SITE, profile="demo", api_database_url=SecretStr(url), **changes)
         self.published = Published()
         self.live = LiveState(site, 60.0, 60.0, 100)

@@ -105,7 +105,7 @@ class ApiService(Service[ApiSettings]):
         loop = asyncio.get_running_loop()
         threads = [
             threading.Thread(target=work, args=(loop,), name=name, daemon=True)
-            for name, work in (("bus", self._read_bus), ("presence", self._watch))
+            for name, work in (("bus", self._read_bus), ("presence", self._watch), ("books", self._keep_books))
         ]
         for thread in threads:
             thread.start()
@@ -113,7 +113,9 @@ class ApiService(Service[ApiSettings]):
         yield
         for thread in threads:
             await asyncio.to_thread(thread.join, 1.0)
-        await asyncio.to_thread(self._keep)
+        last = threading.Thread(target=self._keep, name="last books", daemon=True)
+        last.start()
+        await asyncio.to_thread(last.join, 1.0)
 
     def _read_bus(self, loop: asyncio.AbstractEventLoop) -> None:
         while not self.stopping.is_set():
@@ -129,11 +131,15 @@ class ApiService(Service[ApiSettings]):
             connected = self.bus.connected
             alive = self.bus.present(self.keys.alive()) if connected else []
             told = self._ask_health() if connected else []
-            self._keep()
             loop.call_soon_threadsafe(self._note, connected, alive, told)
 
+    def _keep_books(self, _: asyncio.AbstractEventLoop) -> None:
+        """Write down once a second who looked whom up; a database that hangs holds up nothing else."""
+        while not self.stopping.wait(1.0):
+            self._keep()
+
     def _keep(self) -> None:
-        """Write down who looked whom up, and say so when that cannot be."""
+        """Write down what waits, and say so when that cannot be."""
         reason = self._admin.keep()
         if reason is None:
             self.health.well("database")

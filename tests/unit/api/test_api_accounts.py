@@ -63,7 +63,7 @@ def test_a_key_is_told_once_opens_what_it_names_and_outlives_a_restart_but_not_i
     refused = here.client.get("/v1/site", headers=bearer(secret))
     assert (refused.status_code, refused.json()["allowed"]) == (403, "a key with the scope site")
     with api(tmp_path) as later:
-        assert later.client.get("/v1/positions", headers={"X-API-Key": secret}).status_code == 200
+        assert later.client.get("/v1/positions", headers={"Authorization": "", "X-API-Key": secret}).status_code == 200
         assert later.client.delete(f"/v1/keys/{key['id']}").status_code == 204
         assert later.client.get("/v1/positions", headers=bearer(secret)).status_code == 401
         assert later.client.delete(f"/v1/keys/{key['id']}").status_code == 404
