@@ -23,7 +23,7 @@ from services.api.learning_maps import learning_maps
 from services.api.learning_orders import learning_orders
 from services.api.learning_reads import learning_reads
 from services.api.live_state import LiveState
-from services.api.openapi import describe, documented, error
+from services.api.openapi import UNCHANGED, describe, documented, error
 from services.api.position_routes import position_routes
 from services.api.problems import Problem, ProblemError, tell_problems, unknown
 from services.api.replies import (
@@ -148,12 +148,12 @@ def _reads(live: LiveState, health: Callable[[float], HealthReport], admin: Admi
                 raise unknown("after", after, ["the id of an alert that is still held", "nothing"]) from None
         return _json(msgspec.json.encode(live.alerts(time.time(), since, zone, limit)))
 
-    @router.get("/site", tags=["site"], responses=documented(SiteView))
+    @router.get("/site", tags=["site"], responses=documented(SiteView) | UNCHANGED)
     async def site_view() -> Response:
         """What a map needs: floors, areas, cameras and what they see, access points, zones."""
         return _json(admin.site_json)
 
-    @router.get("/cameras", tags=["site"], responses=documented(Cameras))
+    @router.get("/cameras", tags=["site"], responses=documented(Cameras) | UNCHANGED)
     async def cameras() -> Response:
         """How each camera is doing."""
         return _json(live.cameras_json(time.time()))

@@ -14,7 +14,7 @@ from services.api.problems import MEDIA_TYPE, Problem
 from services.api.replies import CameraReport, TrackColumns
 from shared.messages import Alert
 
-__all__ = ["GONE", "created", "describe", "documented", "error", "errors"]
+__all__ = ["GONE", "UNCHANGED", "created", "describe", "documented", "error", "errors"]
 
 _REFERENCE = "#/components/schemas/{name}"
 
@@ -36,7 +36,7 @@ def documented(body: type[msgspec.Struct], *statuses: int) -> dict[int | str, di
 
 def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """Return the error answers of a route that needs a key and may answer these ``statuses`` besides."""
-    return {status: error(status) for status in (401, 403, *statuses)}
+    return {status: error(status) for status in sorted({401, 403, 429, *statuses})}
 
 
 GONE: dict[int | str, dict[str, Any]] = {204: {"description": "It is gone."}}
@@ -48,6 +48,12 @@ def created(body: type[msgspec.Struct], *statuses: int) -> dict[int | str, dict[
     answers = documented(body, *statuses)
     answers[201] = answers.pop(200)
     return answers
+
+
+UNCHANGED: dict[int | str, dict[str, Any]] = {
+    304: {"description": "If-None-Match names the ETag that the answer would have: nothing is new"}
+}
+"""The answer of a hot read to who has it already."""
 
 
 def error(status: int) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import Response
 
 from services.api.live_state import LiveState
-from services.api.openapi import documented
+from services.api.openapi import UNCHANGED, documented
 from services.api.problems import unknown
 from services.api.replies import Device, Devices, Position, Positions, Track, Tracks
 from services.api.row_filters import Wanted, places, select, wanted
@@ -30,7 +30,7 @@ def position_routes(site: Site, live: LiveState) -> APIRouter:
     areas = [area.id for area in site.areas]
     floors = [floor.id for floor in site.floors]
 
-    @router.get("/positions", responses=documented(Positions, 404, 422))
+    @router.get("/positions", responses=documented(Positions, 404, 422) | UNCHANGED)
     async def positions(request: Request, asked: Asked) -> Response:
         """Where every located device is, or was last, while that is not too long ago (see age).
 
@@ -50,7 +50,7 @@ def position_routes(site: Site, live: LiveState) -> APIRouter:
             raise unknown("device", device)
         return _body(msgspec.json.encode(found))
 
-    @router.get("/tracks", responses=documented(Tracks, 404, 422))
+    @router.get("/tracks", responses=documented(Tracks, 404, 422) | UNCHANGED)
     async def tracks(
         request: Request, asked: Asked, area: Annotated[str | None, Query(description="only this area")] = None
     ) -> Response:

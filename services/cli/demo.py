@@ -179,7 +179,11 @@ class Demo:
             ),
             ("geofence", "services.geofence", {}),
             ("learning", "services.learning", {"ATRIUM_LEARNING_DATABASE_URL": f"sqlite:///{models}"}),
-            ("api", "services.api", {"ATRIUM_API_PORT": str(self.ports.api), "ATRIUM_API_DATABASE_URL": f"sqlite:///{kept}"}),
+            (
+                "api",
+                "services.api",
+                {"ATRIUM_API_PORT": str(self.ports.api), "ATRIUM_API_DATABASE_URL": f"sqlite:///{kept}"},
+            ),
         ]
         if self._dashboard:
             settings = {"ATRIUM_DASHBOARD_PORT": str(self.ports.dashboard), "ATRIUM_API_URL": self.api_url}

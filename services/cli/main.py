@@ -18,7 +18,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from services.cli import models
+from services.cli import models, staff
 from services.cli import replay as player
 from services.cli.demo import API_KEY, Demo, Ports, find_site
 from services.cli.launcher import LauncherError
@@ -34,6 +34,7 @@ __all__ = ["app", "main"]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="Who is where, in metres, now.")
 app.add_typer(models.app, name="models")
+app.add_typer(staff.app, name="staff")
 console = Console(highlight=False)
 
 SiteOption = Annotated[str, typer.Option("--site", help="a shipped site's name, a site file, or its folder")]

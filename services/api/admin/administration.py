@@ -14,7 +14,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from services.api.admin.account_routes import account_routes
 from services.api.admin.accounts import Accounts
-from services.api.admin.audit_layer import LOOK_UPS
+from services.api.admin.audit_layer import LOOK_UPS, QUERY
 from services.api.admin.audit_log import AuditLog
 from services.api.admin.audit_route import audit_route
 from services.api.admin.catalogue import Catalogue, Entry
@@ -108,7 +108,8 @@ class Administration:
         """Write down what waits; called about once a second, not in the event loop. Return why it cannot be."""
         try:
             while self._erased:
-                self.audit.erase([path + self._erased[0] for path in LOOK_UPS])
+                device = self._erased[0]
+                self.audit.erase([path + device for path in LOOK_UPS], f"{QUERY}{device}")
                 self._erased.popleft()
             self.audit.keep()
         except SQLAlchemyError as error:

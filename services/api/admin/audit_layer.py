@@ -6,6 +6,7 @@ An ASGI layer behind the keys and the hot reads: what tells of nobody in particu
 from __future__ import annotations
 
 import asyncio
+from urllib.parse import parse_qs
 
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
@@ -14,13 +15,16 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from services.api.admin.audit_log import AuditLog, Deed
 from services.api.problems import Problem, ProblemError, problem_response
 
-__all__ = ["LOOK_UPS", "Audited"]
+__all__ = ["LOOK_UPS", "QUERY", "Audited"]
 
 log = structlog.get_logger(__name__)
 
 READS = frozenset({"GET", "HEAD", "OPTIONS"})
 LOOK_UPS = ("/v1/positions/", "/v1/trajectories/")
 """Below these somebody asks for one person's phone."""
+QUERY = "?device="
+"""And where it stands in a query: of a stream, or of the past."""
+ANSWERS = frozenset({"http.response.start", "websocket.accept"})
 EXPORTS = frozenset({"/v1/learning/export"})
 
 
@@ -36,22 +40,23 @@ class Audited:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Hand the request on, and write it down before its answer goes out."""
-        if scope["type"] != "http":
+        if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
-        method, path = scope["method"], scope["path"]
-        read = method in READS
+        path = scope["path"]
+        read = scope.get("method", "GET") in READS
         picture = read and path.startswith("/v1/cameras/") and path.endswith("/still")
-        if read and not picture and path not in EXPORTS and not path.startswith(LOOK_UPS):
+        device = _device(scope["query_string"])
+        if read and not (picture or device or path in EXPORTS or path.startswith(LOOK_UPS)):
             await self._app(scope, receive, send)
             return
         refused = False
 
         async def noted(message: Message) -> None:
             nonlocal refused
-            if message["type"] == "http.response.start":
-                problem = await self._note(scope, message, soon=read and not picture)
-                if problem is not None and read:
+            if message["type"] in ANSWERS:
+                problem = await self._note(scope, message, device, soon=read and not picture)
+                if problem is not None and read and scope["type"] == "http":
                     refused = True
                     await problem_response(problem, {"Retry-After": "5"})(scope, receive, send)
             if not refused:
@@ -59,19 +64,20 @@ class Audited:
 
         await self._app(scope, receive, noted)
 
-    async def _note(self, scope: Scope, message: Message, *, soon: bool) -> Problem | None:
+    async def _note(self, scope: Scope, message: Message, device: str, *, soon: bool) -> Problem | None:
         """Write it down; return why it could not be."""
-        status: int = message["status"]
+        status: int = message.get("status", 101)
         if status >= 400 and not (scope["path"] == "/v1/session" and status in (401, 429)):
             return None
         state = scope.get("state", {})
         holder = state.get("holder")
         who = state.get("audit_who") or (f"{holder.name} ({holder.id})" if holder and holder.id else "")
-        made = dict(message["headers"]).get(b"location", b"").decode("latin-1")
+        made = dict(message.get("headers", ())).get(b"location", b"").decode("latin-1")
+        asked = scope["path"] + (f"{QUERY}{device}" if device else "")
         deed = Deed(
             who or (holder.name if holder else "somebody"),
-            scope["method"],
-            made or scope["path"],
+            scope.get("method", "GET"),
+            made or asked,
             status,
             state.get("audit", ""),
         )
@@ -91,3 +97,10 @@ class Audited:
                 detail="what is asked for is written down when it is seen, which is not possible now",
             )
         return None
+
+
+def _device(query: bytes) -> str:
+    """Return which device a query names, empty if none."""
+    if b"device=" not in query:
+        return ""
+    return parse_qs(query.decode("latin-1")).get("device", [""])[0]

@@ -128,8 +128,12 @@ class AuditLog:
                     if held.times > held.written or key[1] == int(now // MINUTE)
                 }
 
-    def erase(self, subjects: Sequence[str]) -> None:
-        """Forget whom look-ups were about: paths of a device whose owner withdrew consent, and what lies below them.
+    def erase(self, subjects: Sequence[str], query: str) -> None:
+        """Forget whom look-ups were about.
+
+        Args:
+            subjects: paths of a device whose owner withdrew consent; what lies below them counts too.
+            query: how a path ends that names the device in its query.
 
         Raises:
             SQLAlchemyError: the database is away.
@@ -140,8 +144,11 @@ class AuditLog:
                 key: held
                 for key, held in self._open.items()
                 if not any(key[0].subject == path or key[0].subject.startswith(path + "/") for path in subjects)
+                and not key[0].subject.endswith(query)
             }
             with self._engine.begin() as connection:
+                asked = AuditRow.subject.endswith(query, autoescape=True)
+                connection.execute(update(AuditRow).where(asked).values(subject=ERASED, detail=""))
                 for path in subjects:
                     below = AuditRow.subject.startswith(path + "/", autoescape=True)
                     there = path.rpartition("/")[0]

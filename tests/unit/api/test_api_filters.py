@@ -15,6 +15,7 @@ from services.api.row_filters import Wanted, select
 from services.api.zones_drawn import ZonesDrawn, zones_of
 
 PEOPLE = [("a", 10.0, 1.0), ("b", 10.0, 7.0), (None, 11.0, 1.0), ("c", 2.0, 11.0), (None, 3.0, 11.0)]
+ZONES = ZonesDrawn(zones_of(hall()))
 QUALITY = [0.9, 0.5, 0.9, 0.2, 0.95]
 
 
@@ -129,13 +130,12 @@ rows = st.lists(
 
 @given(rows, st.floats(0, 60), st.floats(0, 1), st.floats(0.1, 20), st.integers(1, 10))
 def test_as_one_by_one(people: list[Row], age: float, sure: float, radius: float, limit: int) -> None:
-    zones = ZonesDrawn(zones_of(hall()))
     near = (10.0, 6.0, radius)
     seen: list[str] = []
     cursor = None
     while True:
         asked = Wanted(age, sure, None, near, "ground", limit, cursor)
-        page, cursor = select(people, asked, zones, ["ground"], lambda row: row.name, lambda row: row.sure)
+        page, cursor = select(people, asked, ZONES, ["ground"], lambda row: row.name, lambda row: row.sure)
         seen += [row.name for row in page]
         if cursor is None:
             break
