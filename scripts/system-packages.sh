@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# The programs the tests drive that are not Python packages: a browser, the compose file checker and an MQTT broker.
+# The programs the tests drive that are not Python packages: a browser, the compose file checker, an MQTT broker and a
+# database server.
 set -euo pipefail
-declare -A package_of=([chromium]=chromium [chromedriver]=chromium-driver [docker-compose]=docker-compose [mosquitto]=mosquitto)
-PATH="$PATH:/usr/sbin"  # where Debian keeps the broker
+declare -A package_of=([chromium]=chromium [chromedriver]=chromium-driver [docker-compose]=docker-compose [mosquitto]=mosquitto [initdb]=postgresql)
+PATH="$PATH:/usr/sbin:$(echo /usr/lib/postgresql/*/bin | tr " " :)"  # where Debian keeps broker and server
 missing=()
 for program in "${!package_of[@]}"; do
   command -v "$program" >/dev/null || missing+=("${package_of[$program]}")

@@ -19,12 +19,8 @@ DEADLINE = 15.0
 @contextmanager
 def running(site: Site, project: Path, endpoint: str, port: int, **changes: object) -> Iterator[str]:
     """One api service, in this process, until the block ends; yields its address."""
-    with tempfile.TemporaryDirectory() as folder:
-        changes = {"stream_keep_alive": 0.3, "api_database_url": f"sqlite:///{folder}/api.db"} | changes
-        yield from _running(site, project, endpoint, port, changes)
-
-
-def _running(site: Site, project: Path, endpoint: str, port: int, changes: dict[str, object]) -> Iterator[str]:
+    folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+    changes = {"stream_keep_alive": 0.3, "api_database_url": f"sqlite:///{folder.name}/api.db"} | changes
     settings = ApiSettings(
         site_file=project / "deploy/sites/hall/site.yaml",
         profile="demo",
@@ -32,7 +28,7 @@ def _running(site: Site, project: Path, endpoint: str, port: int, changes: dict[
         api_port=port,
         **changes,  # type: ignore[arg-type]
     )
-    with Bus([endpoint]) as bus:
+    with folder, Bus([endpoint]) as bus:
         service = ApiService(settings, site, bus, Health.__new__(Health))
         # A second Health in one process would register its gauge twice.
         service.health.__dict__.update(_problems={}, _lock=threading.Lock(), ready=threading.Event())

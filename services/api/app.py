@@ -5,15 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
-from typing import Annotated
 
 import msgspec
-from fastapi import APIRouter, FastAPI, Query
+from fastapi import APIRouter, FastAPI
 from fastapi_offline import FastAPIOffline
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import RedirectResponse, Response
 
+from services.api.admin.administration import Administration, admin_routes
+from services.api.admin.audit_layer import Audited
 from services.api.alerts.office import AlertOffice
 from services.api.auth import Guard, KeyRing
 from services.api.hot_reads import HotReads
@@ -22,16 +23,13 @@ from services.api.learning_maps import learning_maps
 from services.api.learning_orders import learning_orders
 from services.api.learning_reads import learning_reads
 from services.api.live_state import LiveState
-from services.api.openapi import describe, documented
-from services.api.problems import tell_problems, unknown
+from services.api.openapi import UNCHANGED, describe, documented
+from services.api.position_routes import position_routes
+from services.api.problems import tell_problems
 from services.api.replies import (
     Cameras,
     HealthReport,
-    Position,
-    Positions,
     SiteView,
-    Tracks,
-    Zones,
 )
 from services.api.settings import ApiSettings
 from services.api.stream import Hub
@@ -44,11 +42,11 @@ __all__ = ["create_app"]
 def create_app(
     settings: ApiSettings,
     site: Site,
-    site_json: bytes,
     live: LiveState,
     hub: Hub,
     health: Callable[[float], HealthReport],
     learning: LearningLink,
+    admin: Administration,
     alerts: AlertOffice,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
 ) -> FastAPI:
@@ -57,11 +55,11 @@ def create_app(
     Args:
         settings: keys and CORS origins are read from here.
         site: to check ids that clients name.
-        site_json: the ready body of ``GET /v1/site``.
         live: what is true now.
         hub: where stream readers join; it is told of acknowledgements.
         health: makes the health report of one moment.
         learning: asks the learning service.
+        admin: zones, exhibits, keys and people.
         alerts: the inbox and the webhooks.
         lifespan: runs around the life of the server.
     """
@@ -70,22 +68,33 @@ def create_app(
         "/v1/tracks": lambda now: live.tracks_json(None, now),
         "/v1/zones": live.zones_json,
         "/v1/cameras": live.cameras_json,
-        "/v1/site": lambda _: site_json,
+        "/v1/site": lambda _: admin.site_json,
     }
-    layers = [Middleware(Guard, ring=KeyRing(settings.api_keys)), Middleware(HotReads, sources=sources)]
+    layers = [
+        Middleware(Guard, ring=KeyRing(settings.api_keys, lambda: admin.accounts.holders)),
+        Middleware(HotReads, sources=sources),
+        Middleware(Audited, audit=admin.audit),
+    ]
     if settings.cors_origins:
-        headers = ["Authorization", "X-API-Key", "Last-Event-ID"]
+        headers = ["Authorization", "X-API-Key", "Last-Event-ID", "Content-Type", "If-Match", "If-None-Match"]
+        methods = ["GET", "POST", "PUT", "DELETE"]
         cors = Middleware(
-            CORSMiddleware, allow_origins=settings.cors_origins, allow_methods=["GET"], allow_headers=headers
+            CORSMiddleware,
+            allow_origins=settings.cors_origins,
+            allow_methods=methods,
+            allow_headers=headers,
+            expose_headers=["ETag", "Location", "Retry-After"],
         )
         layers.insert(0, cors)
     app = FastAPIOffline(redoc_url=None, title="Atrium", version="1", lifespan=lifespan, middleware=layers)
     tell_problems(app)
     describe(app)
-    app.include_router(_reads(site, site_json, live, health))
+    app.include_router(position_routes(site, live))
+    app.include_router(_reads(live, health, admin))
+    app.include_router(admin_routes(admin))
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
-    for router in (streams(site, live, hub, settings.stream_patience), *alerts.routers(hub)):
+    for router in (streams(site, live, hub, settings.stream_patience), *alerts.routers(hub, lambda: live.zones.ids)):
         app.include_router(router)
 
     @app.get("/", include_in_schema=False)
@@ -99,41 +108,15 @@ def _json(body: bytes) -> Response:
     return Response(body, media_type="application/json")
 
 
-def _reads(site: Site, site_json: bytes, live: LiveState, health: Callable[[float], HealthReport]) -> APIRouter:
+def _reads(live: LiveState, health: Callable[[float], HealthReport], admin: Administration) -> APIRouter:
     router = APIRouter(prefix="/v1", default_response_class=Response)
-    areas = [area.id for area in site.areas]
 
-    @router.get("/positions", tags=["positions"], responses=documented(Positions))
-    async def positions() -> Response:
-        """Where every located device is, or was last, while that is not too long ago (see age)."""
-        return _json(live.positions_json(time.time()))
-
-    @router.get("/positions/{device}", tags=["positions"], responses=documented(Position, 404))
-    async def position(device: str) -> Response:
-        """Where one device is."""
-        found = live.position(device, time.time())
-        if found is None:
-            raise unknown("device", device)
-        return _json(msgspec.json.encode(found))
-
-    @router.get("/tracks", tags=["positions"], responses=documented(Tracks, 404))
-    async def tracks(area: Annotated[str | None, Query(description="only this area")] = None) -> Response:
-        """Everybody, also people without a phone, in the newest frame of each area."""
-        if area is not None and area not in areas:
-            raise unknown("area", area, areas)
-        return _json(live.tracks_json(area, time.time()))
-
-    @router.get("/zones", tags=["zones"], responses=documented(Zones))
-    async def zone_list() -> Response:
-        """The zones and how many people are in each now."""
-        return _json(live.zones_json(time.time()))
-
-    @router.get("/site", tags=["site"], responses=documented(SiteView))
+    @router.get("/site", tags=["site"], responses=documented(SiteView) | UNCHANGED)
     async def site_view() -> Response:
         """What a map needs: floors, areas, cameras and what they see, access points, zones."""
-        return _json(site_json)
+        return _json(admin.site_json)
 
-    @router.get("/cameras", tags=["site"], responses=documented(Cameras))
+    @router.get("/cameras", tags=["site"], responses=documented(Cameras) | UNCHANGED)
     async def cameras() -> Response:
         """How each camera is doing."""
         return _json(live.cameras_json(time.time()))

@@ -6,9 +6,20 @@ from typing import Any
 
 import msgspec
 
+from services.api.admin.examples import ADMIN_EXAMPLES, RULE
 from services.api.alerts.examples import ALERT_EXAMPLES
 from services.api.learning_examples import LEARNING_EXAMPLES
-from services.api.replies import Cameras, HealthReport, Position, Positions, SiteView, Tracks, Zones
+from services.api.replies import (
+    Cameras,
+    Devices,
+    HealthReport,
+    Position,
+    Positions,
+    SiteView,
+    Tracks,
+    ZoneReport,
+    Zones,
+)
 
 __all__ = ["EXAMPLES"]
 
@@ -40,11 +51,43 @@ _CAMERA: dict[str, Any] = {
 }
 _CORNERS = [[7.0, 0.0], [13.0, 0.0], [13.0, 2.5], [7.0, 2.5]]
 
+_ZONE: dict[str, Any] = {
+    "id": "entrance",
+    "name": "Entrance",
+    "floor": "ground",
+    "shape": "area",
+    "points": _CORNERS,
+    "rules": [{**RULE, "id": "enter", "kind": "enter"}, {**RULE, "id": "exit", "kind": "exit"}],
+    "polygon": _CORNERS,
+    "alert_on": ["enter", "exit"],
+    "inside": 2,
+    "unseen": 0,
+    "etag": '"a1b2c3d4e5f60718a1"',
+}
+
 EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     **LEARNING_EXAMPLES,
     **ALERT_EXAMPLES,
+    **ADMIN_EXAMPLES,
+    ZoneReport: _ZONE,
     Position: _POSITION,
-    Positions: {"t": 1767225600.28, "positions": [_POSITION]},
+    Positions: {"t": 1767225600.28, "positions": [_POSITION], "next": None},
+    Devices: {
+        "t": 1767225600.28,
+        "devices": [
+            {
+                "device": "d-7f3a",
+                "state": "confirmed",
+                "area": "hall",
+                "floor": "ground",
+                "zones": ["entrance"],
+                "probability": 0.97,
+                "t": 1767225600.2,
+                "age": 0.08,
+            }
+        ],
+        "next": None,
+    },
     Tracks: {
         "t": 1767225600.28,
         "tracks": [
@@ -58,19 +101,12 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
                 "quality": 0.93,
             }
         ],
+        "next": None,
     },
     Zones: {
         "t": 1767225600.28,
         "zones": [
-            {
-                "id": "entrance",
-                "name": "Entrance",
-                "floor": "ground",
-                "polygon": _CORNERS,
-                "alert_on": ["enter", "exit"],
-                "inside": 2,
-                "unseen": 0,
-            }
+            _ZONE,
         ],
     },
     Cameras: {"t": 1767225600.28, "cameras": [_CAMERA]},
@@ -107,6 +143,6 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
             }
         ],
         "access_points": [{"id": "ap-1", "floor": "ground", "position": [0.3, 0.3, 2.8], "kind": "wifi"}],
-        "zones": [{"id": "entrance", "name": "Entrance", "floor": "ground", "polygon": _CORNERS}],
+        "zones": [{"id": "entrance", "name": "Entrance", "floor": "ground", "polygon": _CORNERS, "shape": "area"}],
     },
 }

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-import shapely
 
 from services.api.replies import (
     AreaFreshness,
@@ -26,6 +25,7 @@ from services.api.replies import (
     ZoneReport,
     Zones,
 )
+from services.api.zones_drawn import ZonesDrawn, zones_of
 from shared.erased import Erased
 from shared.messages import CameraStatus, TrackFrame
 from shared.site import Site
@@ -34,6 +34,9 @@ __all__ = ["LiveState"]
 
 REBUILD_AFTER = 0.2
 """Seconds after which ready-made bytes are built anew even when nothing came: ages must grow."""
+
+WALKS = 0.3
+"""Metres per second from which a velocity tells where somebody looks; slower, it is noise."""
 
 CLOCK_SET_BACK = 5.0
 """Seconds by which a message must be older than the one held for it to be a clock set back and no late message."""
@@ -50,6 +53,8 @@ class _Arrived:
 class _Fix:
     arrived: _Arrived
     index: int
+    heading: tuple[float, float] | None = None
+    """Radians counter-clockwise from +x, and when its carrier last walked that way."""
 
 
 class _ReadyBytes:
@@ -89,8 +94,7 @@ class LiveState:
         self._newest: dict[str, _Arrived] = {}
         self._fixes: dict[str, _Fix] = {}
         self._statuses: dict[str, tuple[CameraStatus, float]] = {}
-        self._polygons = [shapely.Polygon(zone.polygon) for zone in site.zones]
-        shapely.prepare(self._polygons)
+        self._drawn = ZonesDrawn(zones_of(site))
         self._positions = _ReadyBytes(self._build_positions)
         self._tracks: dict[str | None, _ReadyBytes] = {}
         for area in (None, *(area.id for area in site.areas)):
@@ -119,7 +123,7 @@ class LiveState:
                 known = self._fixes.get(device)
                 # Two tracks of one frame may claim a device while it changes hands: the surer one has it.
                 if known is None or known.arrived is not arrived or _surer(arrived.frame, index, known.index):
-                    self._fixes[device] = _Fix(arrived, index)
+                    self._fixes[device] = _Fix(arrived, index, _heading(arrived.frame, index, known))
         self._version += 1
         return True
 
@@ -154,12 +158,25 @@ class LiveState:
         """Return the body of ``GET /v1/positions``."""
         return self._positions.at(now, self._version)
 
+    def positions(self, now: float) -> list[Position]:
+        """Return where every device is."""
+        return self._build_positions(now).positions
+
+    def tracks(self, area: str | None, now: float) -> list[Track]:
+        """Return everybody in the newest frame of one area or of all."""
+        return self._build_tracks(now, area).tracks
+
     def position(self, device: str, now: float) -> Position | None:
         """Return where one device is, None if it has not been located lately."""
         fix = self._fixes.get(device)
         if fix is None or now - fix.arrived.origin > self._positions_kept:
             return None
         return self._told(device, fix, now)
+
+    def heading(self, device: str) -> tuple[float, float] | None:
+        """Return where a device's carrier walked last, radians counter-clockwise from +x, and when; None: nowhere."""
+        fix = self._fixes.get(device)
+        return None if fix is None else fix.heading
 
     def tracks_json(self, area: str | None, now: float) -> bytes:
         """Return the body of ``GET /v1/tracks`` for one area (KeyError if the site has none such) or for all."""
@@ -172,6 +189,16 @@ class LiveState:
     def cameras_json(self, now: float) -> bytes:
         """Return the body of ``GET /v1/cameras``."""
         return self._cameras.at(now, self._version)
+
+    def draw(self, zones: ZonesDrawn) -> None:
+        """Count in these zones from now on."""
+        self._drawn = zones
+        self._version += 1
+
+    @property
+    def zones(self) -> ZonesDrawn:
+        """The zones that hold now."""
+        return self._drawn
 
     def cameras(self, now: float) -> list[CameraReport]:
         """Return how each camera of the site is doing."""
@@ -251,31 +278,17 @@ class LiveState:
             ],
         )
 
+    def zone(self, name: str, now: float) -> ZoneReport:
+        """Return one zone and who is in it (KeyError if there is none such)."""
+        return self._build_zones(now).zones[self._drawn.ids[name]]
+
     def _build_zones(self, now: float) -> Zones:
         frames = [arrived.frame for arrived in self._present(now)]
         floor = np.array([name for frame in frames for name in frame.floor], dtype=object)
         x = np.array([value for frame in frames for value in frame.x], dtype=float)
         y = np.array([value for frame in frames for value in frame.y], dtype=float)
         unseen = np.array([state == "unseen" for frame in frames for state in frame.state], dtype=bool)
-        within = [
-            shapely.intersects_xy(polygon, x, y) & (floor == zone.floor)
-            for zone, polygon in zip(self._site.zones, self._polygons, strict=True)
-        ]
-        return Zones(
-            t=now,
-            zones=[
-                ZoneReport(
-                    id=zone.id,
-                    name=zone.name,
-                    floor=zone.floor,
-                    polygon=zone.polygon,
-                    alert_on=zone.alert_on,
-                    inside=int(np.sum(there & ~unseen)),
-                    unseen=int(np.sum(there & unseen)),
-                )
-                for zone, there in zip(self._site.zones, within, strict=True)
-            ],
-        )
+        return Zones(t=now, zones=self._drawn.reports(floor, x, y, unseen))
 
     def _camera(self, camera: str, area: str, now: float) -> CameraReport:
         held = self._statuses.get(camera)
@@ -307,6 +320,13 @@ class LiveState:
 
 def _age(now: float, origin: float) -> float:
     return round(max(0.0, now - origin), 3)
+
+
+def _heading(frame: TrackFrame, index: int, known: _Fix | None) -> tuple[float, float] | None:
+    vx, vy = frame.vx[index], frame.vy[index]
+    if vx * vx + vy * vy >= WALKS * WALKS:
+        return math.atan2(vy, vx), frame.t
+    return None if known is None else known.heading
 
 
 def _surer(frame: TrackFrame, index: int, than: int) -> bool:

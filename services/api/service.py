@@ -13,6 +13,7 @@ import msgspec
 import structlog
 from fastapi import FastAPI
 
+from services.api.admin.administration import Administration
 from services.api.alerts.office import AlertOffice
 from services.api.app import create_app
 from services.api.event_log import EventLog
@@ -21,7 +22,6 @@ from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
 from services.api.replies import HealthReport
 from services.api.settings import DEMO_KEY, ApiSettings
-from services.api.site_view import site_view
 from services.api.stream import Hub
 from shared.bus import Bus, Delivery, Publisher
 from shared.http_server import serve
@@ -29,6 +29,7 @@ from shared.messages import Alert, CameraStatus, Erasure, ErasureDone, Message, 
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
+from shared.zones import ZoneSet
 
 __all__ = ["ApiService"]
 
@@ -55,6 +56,9 @@ class ApiService(Service[ApiSettings]):
         self._presence = Presence()
         self._told: list[str] = []
         self._learning = LearningLink(self.keys, self._ask_once)
+        self._admin = Administration.open(
+            settings, site, self._live, bus.publisher(self.keys.zones(), ZoneSet, cached=True)
+        )
         self._connected = bus.connected
         self._inbox = bus.inbox(capacity=10_000)
         self._strangers: set[str] = set()
@@ -88,11 +92,11 @@ class ApiService(Service[ApiSettings]):
         app = create_app(
             self.settings,
             self.site,
-            msgspec.json.encode(site_view(self.site)),
             self._live,
             self._hub,
             self._health_report,
             self._learning,
+            self._admin,
             self._alerts,
             self._lifespan,
         )
@@ -111,7 +115,7 @@ class ApiService(Service[ApiSettings]):
         loop = asyncio.get_running_loop()
         threads = [
             threading.Thread(target=work, args=(loop,), name=name, daemon=True)
-            for name, work in (("bus", self._read_bus), ("presence", self._watch))
+            for name, work in (("bus", self._read_bus), ("presence", self._watch), ("books", self._keep_books))
         ]
         threads += self._alerts.threads(self.stopping)
         for thread in threads:
@@ -120,6 +124,9 @@ class ApiService(Service[ApiSettings]):
         yield
         for thread in threads:
             await asyncio.to_thread(thread.join, 1.0)
+        last = threading.Thread(target=self._keep, name="last books", daemon=True)
+        last.start()
+        await asyncio.to_thread(last.join, 1.0)
 
     def _read_bus(self, loop: asyncio.AbstractEventLoop) -> None:
         while not self.stopping.is_set():
@@ -136,6 +143,19 @@ class ApiService(Service[ApiSettings]):
             alive = self.bus.present(self.keys.alive()) if connected else []
             told = self._ask_health() if connected else []
             loop.call_soon_threadsafe(self._note, connected, alive, told)
+
+    def _keep_books(self, _: asyncio.AbstractEventLoop) -> None:
+        """Write down once a second who looked whom up; a database that hangs holds up nothing else."""
+        while not self.stopping.wait(1.0):
+            self._keep()
+
+    def _keep(self) -> None:
+        """Write down what waits, and say so when that cannot be."""
+        reason = self._admin.keep()
+        if reason is None:
+            self.health.well("database")
+        else:
+            self.health.degraded("database", f"{reason}: nothing can be changed, and nobody looked up for long")
 
     def _ask_once(self, key: str, timeout: float, payload: bytes | None) -> bytes | None:
         """The first answer to a query, None if nobody answers."""
@@ -187,6 +207,7 @@ class ApiService(Service[ApiSettings]):
                 self._hub.send("occupancy", "", message)
             elif isinstance(message, Erasure):
                 self._live.erase(message.device)
+                self._admin.erase(message.device)
                 self._learning.forget()
                 self._alerts.desk.erase(message.device)
                 self._hub.erase(message.device)

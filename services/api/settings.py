@@ -17,19 +17,25 @@ __all__ = ["ALL_SCOPES", "DEMO_KEY", "READ_SCOPES", "ApiKey", "ApiSettings", "Sc
 DEMO_KEY = "demo-api-key"
 DEFAULT_DATABASE = "sqlite:///atrium-api.db"
 
-Scope = Literal["positions", "alerts", "site", "health", "learning", "learning-admin", "acknowledge", "webhooks"]
+Scope = Literal[
+    "positions",
+    "alerts",
+    "site",
+    "health",
+    "learning",
+    "learning-admin",
+    "zones-admin",
+    "accounts",
+    "audit",
+    "acknowledge",
+    "webhooks",
+]
 """What a key may read: positions and tracks; alerts; the site, its zones and cameras; health; what is learned. And what
-it may do: ``learning-admin`` rolls models back, freezes learning, takes models out and brings them in; ``acknowledge``
+it may do: ``learning-admin`` rolls models back, freezes learning, takes models out and brings them in; ``zones-admin``
+draws zones and exhibits; ``accounts`` issues keys and lets people in; ``audit`` reads who did what; ``acknowledge``
 notes who looked at an alert; ``webhooks`` says where alerts are sent."""
 ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
-CHANGING_SCOPES: frozenset[Scope] = frozenset({"learning-admin", "acknowledge", "webhooks"})
-READ_SCOPES: tuple[Scope, ...] = tuple(scope for scope in ALL_SCOPES if scope not in CHANGING_SCOPES)
-
-
-def default_api_database_url() -> str:
-    """Return ``ATRIUM_API_DATABASE_URL``, else ``ATRIUM_DATABASE_URL``, else a file in the working directory."""
-    variables = ("ATRIUM_API_DATABASE_URL", "ATRIUM_DATABASE_URL")
-    return next((url for name in variables if (url := os.environ.get(name))), DEFAULT_DATABASE)
+READ_SCOPES: tuple[Scope, ...] = ("positions", "alerts", "site", "health", "learning")
 
 
 class ApiKey(BaseModel):
@@ -66,6 +72,12 @@ def _read_keys(value: Any) -> Any:
     return value
 
 
+def default_api_database_url() -> str:
+    """Return ``ATRIUM_API_DATABASE_URL``, else ``ATRIUM_DATABASE_URL``, else a file in the working directory."""
+    variables = ("ATRIUM_API_DATABASE_URL", "ATRIUM_DATABASE_URL")
+    return next((url for name in variables if (url := os.environ.get(name))), DEFAULT_DATABASE)
+
+
 class ApiSettings(ServiceSettings):
     """Settings of the HTTP interface for staff software."""
 
@@ -77,6 +89,16 @@ class ApiSettings(ServiceSettings):
         (ApiKey(name="demo", key=SecretStr(DEMO_KEY), scopes=ALL_SCOPES),),
         description='keys of the staff: KEY[,KEY] (may read everything) or JSON [{"name","key","scopes"}]',
     )
+    api_database_url: SecretStr = Field(
+        default_factory=lambda: SecretStr(default_api_database_url()),
+        description="sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME; the gateway's may be shared",
+    )
+    key_rate: float = Field(
+        50.0, gt=0, le=100_000, description="requests per second of a key that is issued, unless it says otherwise"
+    )
+    session_rate: float = Field(100.0, gt=0, le=100_000, description="requests per second of a sign-in of staff")
+    session_hours: float = Field(12.0, gt=0, le=720, description="hours until staff have to sign in again")
+    audit_days: float = Field(365.0, gt=0, le=36500, description="days the audit log is kept")
     cors_origins: list[str] = Field([], description="web origins whose pages may call the API; none by default")
     positions_kept: float = Field(120.0, gt=0, le=86400, description="seconds a device's last known position is told")
     tracks_kept: float = Field(10.0, gt=0, le=3600, description="seconds an area's last tracks are told")
@@ -89,10 +111,6 @@ class ApiSettings(ServiceSettings):
         30.0, gt=0, le=600, description="seconds after which a client that reads nothing is dropped"
     )
 
-    api_database_url: SecretStr = Field(
-        default_factory=lambda: SecretStr(default_api_database_url()),
-        description="sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME; the gateway's may be shared",
-    )
     alerts_kept: int = Field(100_000, ge=1, le=10_000_000, description="alerts held, those that came first go first")
     alert_days: float = Field(30.0, gt=0, le=3660, description="days that alerts are held")
     webhook_networks: list[IPv4Network | IPv6Network] = Field(

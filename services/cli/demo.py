@@ -150,6 +150,7 @@ class Demo:
 
     def _plan(self) -> tuple[list[ProcessSpec], list[ProcessSpec]]:
         database = self._folder / f"{self.site.site}.db"
+        kept = self._folder / f"{self.site.site}-api.db"
         models = self._folder / f"{self.site.site}-learning.db"
         kept = self._folder / f"{self.site.site}-api.db"
         # For a fusion that is killed in mid-run; who was about in the demo before is nobody's business now.

@@ -18,7 +18,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from services.cli import models
+from services.cli import models, staff
 from services.cli import replay as player
 from services.cli.demo import API_KEY, Demo, Ports, find_site
 from services.cli.launcher import LauncherError
@@ -34,6 +34,7 @@ __all__ = ["app", "main"]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="Who is where, in metres, now.")
 app.add_typer(models.app, name="models")
+app.add_typer(staff.app, name="staff")
 console = Console(highlight=False)
 
 SiteOption = Annotated[str, typer.Option("--site", help="a shipped site's name, a site file, or its folder")]
@@ -216,6 +217,7 @@ def migrate() -> None:
     default the same.
     """
     # Only this command needs the libraries of databases.
+    from services.api.admin.database import migrate as migrate_api
     from services.api.alerts.database import migrate as migrate_alerts
     from services.api.settings import default_api_database_url
     from services.gateway.devices.database import migrate as migrate_gateway
@@ -226,6 +228,7 @@ def migrate() -> None:
     try:
         migrate_gateway(default_database_url())
         migrate_learning(default_learning_database_url())
+        migrate_api(default_api_database_url())
         migrate_alerts(default_api_database_url())
     except ServiceError as error:
         console.print(f"[red]{escape(str(error))}[/red]")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Annotated, get_args
 
 import msgspec
@@ -32,11 +32,20 @@ LARGEST_NOTE = 16_384
 """Bytes."""
 
 
-def alert_routes(site: Site, engine: Engine, inbox: AlertInbox, hub: Hub) -> APIRouter:
-    """Return the routes."""
+def alert_routes(
+    site: Site, zones: Callable[[], Iterable[str]], engine: Engine, inbox: AlertInbox, hub: Hub
+) -> APIRouter:
+    """Return the routes.
+
+    Args:
+        site: to check ids of areas.
+        zones: the ids of the zones that hold now; what a zone told that is no more can be asked for all the same.
+        engine: the database, for what is said when it is away.
+        inbox: the alerts.
+        hub: is told who has looked at which.
+    """
     router = APIRouter(prefix="/v1/alerts", tags=["alerts"], default_response_class=Response)
     areas = [area.id for area in site.areas]
-    zones = [zone.id for zone in site.zones]
 
     @router.get("", responses=documented(Alerts, 404, 422, 503))
     def alerts(
@@ -63,8 +72,8 @@ def alert_routes(site: Site, engine: Engine, inbox: AlertInbox, hub: Hub) -> API
         """What zones told, newest first; with after, in the order it came, so that nothing is missed."""
         wanted = Wanted(since, until, zone, area, device, _kinds(kinds), acknowledged)
         with storage_away(engine):
-            if zone is not None and zone not in zones and not (is_identifier(zone) and inbox.has_zone(zone)):
-                raise unknown("zone", zone, zones)
+            if zone is not None and zone not in zones() and not (is_identifier(zone) and inbox.has_zone(zone)):
+                raise unknown("zone", zone, list(zones())[:100])
             if area is not None and area not in areas:
                 raise unknown("area", area, areas)
             if device is not None and not is_identifier(device):

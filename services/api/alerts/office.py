@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from fastapi import APIRouter
 
@@ -71,10 +71,10 @@ class AlertOffice:
         self.desk = AlertDesk(self._engine, self._inbox, told, self._sender.wake, erased)
         self.desk.remember()
 
-    def routers(self, hub: Hub) -> list[APIRouter]:
-        """Return the routes of alerts and webhooks."""
+    def routers(self, hub: Hub, zones: Callable[[], Iterable[str]]) -> list[APIRouter]:
+        """Return the routes of alerts and webhooks; ``zones``: the ids of those that hold now."""
         return [
-            alert_routes(self._site, self._engine, self._inbox, hub),
+            alert_routes(self._site, zones, self._engine, self._inbox, hub),
             webhook_routes(self._engine, self._webhooks, self._sender.wake, self._allowed, self._resolve),
         ]
 
