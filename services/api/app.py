@@ -85,7 +85,7 @@ def create_app(
     app.include_router(_reads(site, site_json, live, health))
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
-    for router in (streams(site, live, hub, settings.stream_patience), *alerts.routers(hub)):
+    for router in (streams(site, live, hub, alerts.past, settings.stream_patience), *alerts.routers(hub)):
         app.include_router(router)
 
     @app.get("/", include_in_schema=False)
