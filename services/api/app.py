@@ -94,7 +94,8 @@ def create_app(
     app.include_router(admin_routes(admin))
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
-    for router in (streams(site, live, hub, settings.stream_patience), *alerts.routers(hub, lambda: live.zones.ids)):
+    log = streams(site, live, hub, alerts.past, settings.stream_patience)
+    for router in (log, *alerts.routers(hub, lambda: live.zones.ids)):
         app.include_router(router)
 
     @app.get("/", include_in_schema=False)

@@ -14,6 +14,7 @@ import structlog
 from fastapi import FastAPI
 
 from services.api.admin.administration import Administration
+from services.api.alerts.inbox import Told
 from services.api.alerts.office import AlertOffice
 from services.api.app import create_app
 from services.api.event_log import EventLog
@@ -197,8 +198,9 @@ class ApiService(Service[ApiSettings]):
                     self._tell_once(f"tracks of area {message.area}")
             elif isinstance(message, Alert):
                 told = self._live.erased.from_alert(message)
-                if self._alerts.desk.take(told, delivery.trace.sent):
-                    self._hub.send("alert", told.id, told, told.area, told.zone)
+                if self._alerts.desk.is_new(told):
+                    event = self._hub.send("alert", told.id, told, told.area, told.zone)
+                    self._alerts.desk.write_down(Told(told, delivery.trace.sent, event))
             elif isinstance(message, Revision):
                 told_anew = self._live.erased.from_revision(message)
                 if told_anew.device:

@@ -208,11 +208,12 @@ class Hub:
 
     def send(
         self, event: str, subject: str, message: msgspec.Struct, area: str | None = None, zone: str | None = None
-    ) -> None:
-        """Write one event and wake every reader."""
-        self.log.append(event, subject, area, zone, msgspec.json.encode(message))
+    ) -> int:
+        """Write one event, wake every reader, and return its id."""
+        entry = self.log.append(event, subject, area, zone, msgspec.json.encode(message))
         for reader in self._readers:
             reader.wake()
+        return entry.id
 
     def erase(self, device: str) -> None:
         """Take a device whose consent was withdrawn out of what is not yet sent."""

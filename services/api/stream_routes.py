@@ -11,8 +11,9 @@ from fastapi import APIRouter, Query, Request, WebSocket
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
+from services.api.alerts.past_alerts import PastAlerts
 from services.api.auth import Holder
-from services.api.event_log import NO_LONGER, Framing, ndjson_event
+from services.api.event_log import NO_LONGER, NOT_YET, Entry, Framing, ndjson_event
 from services.api.live_state import LiveState
 from services.api.openapi import error
 from services.api.problems import Problem, ProblemError, problem_response, unknown
@@ -63,16 +64,26 @@ class _Asked:
     selection: Selection
     after: int | None
     lossless: bool
+    past: tuple[Entry, ...] = ()
+    """Alerts from before the log begins."""
     lost: bool = False
-    """Whether the browser that comes back by itself missed what is gone."""
+    """Whether who comes back missed what is gone."""
 
 
-def streams(site: Site, live: LiveState, hub: Hub, patience: float) -> APIRouter:
-    """Return the three routes."""
+def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience: float) -> APIRouter:
+    """Return the three routes.
+
+    Args:
+        site: to check ids of areas.
+        live: the state of cameras.
+        hub: where readers join.
+        alerts: what the log no longer holds.
+        patience: seconds after which a client that takes nothing is dropped.
+    """
     router = APIRouter(prefix="/v1", default_response_class=Response)
     areas = [area.id for area in site.areas]
 
-    def asked(
+    async def asked(
         connection: HTTPConnection,
         kinds: str | None,
         area: str | None,
@@ -89,23 +100,46 @@ def streams(site: Site, live: LiveState, hub: Hub, patience: float) -> APIRouter
             raise _full()
         selection = Selection(_events(connection.state.holder, kinds), area, zone, device)
         if since is not None:
-            return _Asked(selection, _resumed(hub, since), lossless=True)
+            return await resumed(selection, since)
         last = connection.headers.get("last-event-id", "")
         if not last:
             return _Asked(selection, None, lossless=False)
-        number = int(last) if _is_number(last) else hub.log.alert(last)
-        if number is None or hub.log.refusal(number) is not None:
+        number = int(last) if _is_number(last) else hub.log.alert(last) or await alerts.event_of(last)
+        refusal = None if number is None else hub.log.refusal(number)
+        if number is None or refusal == NOT_YET:
             return _Asked(selection, None, lossless=False, lost=True)
-        return _Asked(selection, number, lossless=False)
+        if refusal is None:
+            return _Asked(selection, number, lossless=False)
+        first = hub.log.oldest
+        past = await alerts.between(number, first) if "alert" in selection.events else []
+        return _Asked(selection, first - 1, lossless=False, past=tuple(past or ()), lost=True)
+
+    async def resumed(selection: Selection, since: str) -> _Asked:
+        """Return where to go on without loss; of alerts alone also from before the log begins."""
+        if since == "oldest":
+            return _Asked(selection, hub.log.oldest - 1, lossless=True)
+        if not _is_number(since):
+            raise invalid("from", repr(since[:64]), "the id of an event, or oldest")
+        reason = hub.log.refusal(int(since))
+        if reason is None:
+            return _Asked(selection, int(since), lossless=True)
+        first = hub.log.oldest
+        if reason == NO_LONGER and selection.events == {"alert"}:
+            past = await alerts.between(int(since), first)
+            if past is not None:
+                return _Asked(selection, first - 1, lossless=True, past=tuple(past))
+        raise _gone(hub, since, reason)
 
     def opened(ask: _Asked, framing: Framing) -> tuple[Reader, list[bytes]]:
         """Return a new reader, and what it is told first: the present, unless it resumes without loss."""
         reader = hub.join(ask.selection, framing, ask.after, ask.lossless)
+        past = [framed for e in ask.past if (framed := ask.selection.framed(e, framing)) is not None]
         if ask.lossless:
-            return reader, []
+            return reader, past
         first = []
         if ask.lost:
             first.append(framing(None, "lost", b'{"oldest":%d,"newest":%d}' % (hub.log.oldest, hub.log.newest)))
+        first += past
         if "camera" in ask.selection.events and ask.selection.zone is None and ask.selection.device is None:
             reports = [report for report in live.cameras(time.time()) if ask.selection.area in (None, report.area)]
             first += [framing(None, "camera", msgspec.json.encode(report)) for report in reports]
@@ -140,7 +174,7 @@ def streams(site: Site, live: LiveState, hub: Hub, patience: float) -> APIRouter
         """
         accepts = request.headers.get("accept", "")
         lines = NDJSON.media_type in accepts and SSE.media_type not in accepts
-        return answer(asked(request, kinds, area, zone, device, since), NDJSON if lines else SSE)
+        return answer(await asked(request, kinds, area, zone, device, since), NDJSON if lines else SSE)
 
     @router.get("/events", tags=["stream"], response_class=Response, responses=_answers({NDJSON.media_type: _LINES}))
     async def events(
@@ -152,7 +186,7 @@ def streams(site: Site, live: LiveState, hub: Hub, patience: float) -> APIRouter
         since: _From = None,
     ) -> Response:
         """The same as lines of JSON with id, event and data; an empty line says that there is nothing new."""
-        return answer(asked(request, kinds, area, zone, device, since), NDJSON)
+        return answer(await asked(request, kinds, area, zone, device, since), NDJSON)
 
     @router.websocket("/ws")
     async def socket(
@@ -165,7 +199,7 @@ def streams(site: Site, live: LiveState, hub: Hub, patience: float) -> APIRouter
     ) -> None:
         """Send the same as text messages, one event each."""
         try:
-            ask = asked(websocket, kinds, area, zone, device, since)
+            ask = await asked(websocket, kinds, area, zone, device, since)
         except ProblemError as refused:
             await websocket.send_denial_response(problem_response(refused.problem, refused.headers))
             return
@@ -208,26 +242,19 @@ def _events(holder: Holder, kinds: str | None) -> frozenset[str]:
     return frozenset(wanted)
 
 
-def _resumed(hub: Hub, since: str) -> int:
-    if since == "oldest":
-        return hub.log.oldest - 1
-    if not _is_number(since):
-        raise invalid("from", repr(since[:64]), "the id of an event, or oldest")
-    reason = hub.log.refusal(int(since))
-    if reason is not None:
-        advice = "read /v1/alerts?after= for the alerts" if reason == NO_LONGER else "the API's clock was set back"
-        raise ProblemError(
-            Problem(
-                type="urn:atrium:event-gone",
-                title="Cannot resume from there",
-                status=410,
-                detail=f"event {since} is {reason}: begin anew without from; {advice}",
-                field="from",
-                found=since,
-                allowed=f"oldest, or {hub.log.oldest - 1} to {hub.log.newest}",
-            )
+def _gone(hub: Hub, since: str, reason: str) -> ProblemError:
+    advice = "with kinds=alert it can be resumed" if reason == NO_LONGER else "the API's clock was set back"
+    return ProblemError(
+        Problem(
+            type="urn:atrium:event-gone",
+            title="Cannot resume from there",
+            status=410,
+            detail=f"event {since} is {reason}: begin anew without from; {advice}",
+            field="from",
+            found=since,
+            allowed=f"oldest, or {hub.log.oldest - 1} to {hub.log.newest}",
         )
-    return int(since)
+    )
 
 
 def _is_number(text: str) -> bool:

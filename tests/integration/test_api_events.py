@@ -4,6 +4,7 @@ import base64
 import hashlib
 import hmac
 import json
+import re
 import socket
 import threading
 import time
@@ -177,6 +178,41 @@ def test_a_stream_resumes_without_loss_or_says_that_it_cannot(
     with httpx.stream("GET", f"{address}/v1/stream?kinds=alert", headers=KEY | {"Last-Event-ID": "1"}) as reply:
         text = next(chunk for chunk in reply.iter_text() if "event" in chunk)
     assert "event: lost" in text, "a browser comes back by itself and is told that something is missing"
+
+
+def test_alerts_are_resumed_over_a_restart_and_the_rest_is_told_to_be_lost(
+    site: Site, project: Path, endpoint: str, tmp_path: Path, bus: Bus
+) -> None:
+    kept = {"api_database_url": f"sqlite:///{tmp_path / 'api.db'}"}
+    told = bus.publisher(KEYS.alert("model-corner"), Alert, cached=True, history=10)
+    with running(site, project, endpoint, unused_port(), **kept) as address:
+        listening = Lines(address, "/v1/events?kinds=alert&zone=model-corner")
+        wait_until(lambda: listening.silences, DEADLINE, "the stream")
+        for number in (801, 802, 803):
+            told.publish(alert(number, "model-corner"))
+        wait_until(lambda: len(listening.seen) == 3, DEADLINE, "three alerts")
+        listening.close()
+        written = f"{address}/v1/alerts/a-803"
+        wait_until(lambda: httpx.get(written, headers=KEY).status_code == 200, DEADLINE, "the last in the inbox")
+    first = listening.seen[0]["id"]
+    told.publish(alert(804, "model-corner"))
+    with running(site, project, endpoint, unused_port(), **kept) as address:
+        again = Lines(address, f"/v1/events?kinds=alert&zone=model-corner&from={first}")
+        wait_until(lambda: len(again.seen) == 3, DEADLINE, "two from the database, one told while the API was away")
+        assert again.seen[:2] == listening.seen[1:]
+        assert [one["id"] for one in again.of("alert")] == ["a-802", "a-803", "a-804"]
+        again.close()
+        for last in (str(first), "a-801"):
+            headers = KEY | {"Last-Event-ID": last}
+            text = ""
+            with httpx.stream("GET", f"{address}/v1/stream?zone=model-corner", headers=headers) as reply:
+                for chunk in reply.iter_text():
+                    text += chunk
+                    if "a-804" in text:
+                        break
+            assert re.findall(r'"id":"(a-80.)"', text) == ["a-802", "a-803", "a-804"]
+            assert "event: lost" in text
+        assert httpx.get(f"{address}/v1/events?from={first}", headers=KEY).status_code == 410
 
 
 def test_bad_questions_to_streams_are_refused_in_every_form(address: str) -> None:

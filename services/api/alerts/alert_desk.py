@@ -16,7 +16,7 @@ from prometheus_client import Counter
 from sqlalchemy import Engine
 from sqlalchemy.exc import SQLAlchemyError
 
-from services.api.alerts.inbox import AlertInbox
+from services.api.alerts.inbox import AlertInbox, Told
 from services.api.alerts.tables import LONGEST_ID
 from shared.database import unreachable
 from shared.keys import is_identifier
@@ -37,8 +37,8 @@ PATIENCE = 1.0
 FORGET_EVERY = 600.0
 BATCH = 500
 
-_Item = tuple[Alert, float] | str
-"""An alert and when it was told, or a device to be erased."""
+_Item = Told | str
+"""An alert that was told, or a device to be erased."""
 
 
 class AlertDesk:
@@ -76,15 +76,18 @@ class AlertDesk:
         for name in self._inbox.newest_ids(REMEMBERED):
             self._known[name] = None
 
-    def take(self, alert: Alert, sent: float) -> bool:
-        """Take in an alert, told at ``sent`` (wall clock); False where it is known, or holds what none may."""
+    def is_new(self, alert: Alert) -> bool:
+        """Whether an alert is to be told and written: not a second time, nor where it holds what none may."""
         if alert.id in self._known or not _sound(alert):
             return False
         self._known[alert.id] = None
         if len(self._known) > REMEMBERED:
             self._known.popitem(last=False)
-        self._put((alert, sent))
         return True
+
+    def write_down(self, told: Told) -> None:
+        """Have an alert written that was told."""
+        self._put(told)
 
     def erase(self, device: str) -> None:
         """Take a device out of all alerts that came before."""

@@ -13,7 +13,7 @@ from services.api.alerts.alert_replies import Acknowledgement, InboxAlert
 from services.api.alerts.tables import LONGEST_ID, AlertRow
 from shared.messages import Alert
 
-__all__ = ["AcknowledgedError", "AlertInbox", "Wanted"]
+__all__ = ["AcknowledgedError", "AlertInbox", "Told", "Wanted"]
 
 OnNew = Callable[[Session, Sequence[AlertRow]], None]
 
@@ -41,6 +41,15 @@ class Wanted:
     acknowledged: bool | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Told:
+    """An alert, when it was sent (wall clock), and the id of the event that told it."""
+
+    alert: Alert
+    sent: float
+    event: int
+
+
 class AlertInbox:
     """The alerts of one site. Any thread may read; one writes.
 
@@ -56,14 +65,14 @@ class AlertInbox:
         self._most, self._seconds = most, seconds
         self._on_new = on_new
 
-    def add(self, alerts: Sequence[tuple[Alert, float]]) -> None:
-        """Write alerts, each with the wall clock at which it was told, in this order; what is known is left out."""
+    def add(self, alerts: Sequence[Told]) -> None:
+        """Write alerts in this order; what is known is left out."""
         if not alerts:
             return
-        fresh = {alert.id: (alert, sent) for alert, sent in alerts}
+        fresh = {told.alert.id: told for told in alerts}
         with Session(self._engine) as session, session.begin():
             known = set(session.scalars(select(AlertRow.id).where(AlertRow.id.in_(fresh))))
-            rows = [_row(*told) for name, told in fresh.items() if name not in known]
+            rows = [_row(told) for name, told in fresh.items() if name not in known]
             session.add_all(rows)
             session.flush()
             self._on_new(session, rows)
@@ -103,6 +112,17 @@ class AlertInbox:
             if after:
                 asked = asked.where(AlertRow.seq > _held(session, after).seq)
             return [_told(row) for row in session.scalars(asked.limit(limit))]
+
+    def told_between(self, after: int, before: int, limit: int) -> list[Told]:
+        """Return the alerts that streams told after event ``after`` and before event ``before``, first told first."""
+        with Session(self._engine) as session:
+            asked = select(AlertRow).where(AlertRow.event > after, AlertRow.event < before).order_by(AlertRow.event)
+            return [Told(_alert.decode(row.told), row.sent, row.event) for row in session.scalars(asked.limit(limit))]
+
+    def event_of(self, alert_id: str) -> int | None:
+        """Return the event that told an alert, None where it is not held (any more)."""
+        with Session(self._engine) as session:
+            return session.scalar(select(AlertRow.event).where(AlertRow.id == alert_id))
 
     def one(self, alert_id: str) -> InboxAlert:
         """Return one alert.
@@ -175,11 +195,13 @@ def _held(session: Session, alert_id: str) -> AlertRow:
     return row
 
 
-def _row(alert: Alert, sent: float) -> AlertRow:
+def _row(told: Told) -> AlertRow:
+    alert = told.alert
     return AlertRow(
         id=alert.id,
         t=alert.t,
-        sent=sent,
+        sent=told.sent,
+        event=told.event,
         zone=alert.zone,
         kind=alert.kind,
         area=alert.area,

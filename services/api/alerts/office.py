@@ -11,6 +11,7 @@ from services.api.alerts.alert_desk import AlertDesk
 from services.api.alerts.alert_routes import alert_routes
 from services.api.alerts.database import SCHEMA, migrate, open_alerts
 from services.api.alerts.inbox import AlertInbox
+from services.api.alerts.past_alerts import PastAlerts
 from services.api.alerts.receiver_address import Resolve, resolve
 from services.api.alerts.webhook_routes import webhook_routes
 from services.api.alerts.webhook_sender import Patience, WebhookSender
@@ -70,6 +71,11 @@ class AlertOffice:
         self._sender = WebhookSender(self._webhooks, site.site, patience, self._allowed, resolve)
         self.desk = AlertDesk(self._engine, self._inbox, told, self._sender.wake, erased)
         self.desk.remember()
+
+    @property
+    def past(self) -> PastAlerts:
+        """What was told before the log of events begins."""
+        return PastAlerts(self._engine, self._inbox)
 
     def routers(self, hub: Hub, zones: Callable[[], Iterable[str]]) -> list[APIRouter]:
         """Return the routes of alerts and webhooks; ``zones``: the ids of those that hold now."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqlalchemy import Float, ForeignKey, Index, LargeBinary, String, Text
+from sqlalchemy import BigInteger, Float, ForeignKey, Index, LargeBinary, String, Text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 __all__ = ["LONGEST_ID", "LONGEST_REASON", "AlertRow", "Base", "DeliveryRow", "WebhookRow"]
@@ -31,6 +31,8 @@ class AlertRow(Base):
     area: Mapped[str] = mapped_column(String(64))
     device: Mapped[str | None] = mapped_column(String(64), index=True)
     other_device: Mapped[str | None] = mapped_column(String(64), index=True)
+    event: Mapped[int] = mapped_column(BigInteger, index=True)
+    """Of the event log, under which streams told it."""
     told: Mapped[bytes] = mapped_column(LargeBinary)
     """The alert as the bus carried it, JSON, without erased devices."""
     acknowledged: Mapped[float | None] = mapped_column(Float(53), index=True)

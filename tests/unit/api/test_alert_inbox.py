@@ -12,7 +12,7 @@ from test_api_state import alert
 
 from services.api.alerts.alert_desk import AlertDesk
 from services.api.alerts.database import SCHEMA, migrate, open_alerts
-from services.api.alerts.inbox import AcknowledgedError, AlertInbox, Wanted
+from services.api.alerts.inbox import AcknowledgedError, AlertInbox, Told, Wanted
 from services.api.alerts.webhook_replies import WebhookDefinition
 from services.api.alerts.webhook_store import TooManyError, WebhookStore
 from shared.messages import Alert
@@ -44,9 +44,14 @@ def engine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Engine]:
     opened.dispose()
 
 
+def told(one: Alert) -> Told:
+    """An alert that was sent when it was measured, under an event of ten times its number."""
+    return Told(one, one.t, int(10 * one.t))
+
+
 def inbox_of(engine: Engine, *alerts: Alert, most: int = 1000) -> AlertInbox:
     inbox = AlertInbox(engine, most, 100.0)
-    inbox.add([(one, one.t) for one in alerts])
+    inbox.add([told(one) for one in alerts])
     return inbox
 
 
@@ -65,6 +70,8 @@ def test_alerts_come_newest_first_page_by_page_and_in_the_order_they_came(engine
         with pytest.raises(KeyError):
             ask()
     assert inbox.newest_ids(2) == ["a-9", "a-11"]
+    assert [each.event for each in inbox.told_between(80, 110, 9)] == [90, 100]
+    assert (inbox.event_of("a-8"), inbox.event_of("gone")) == (80, None)
 
 
 def test_alerts_of_one_time_are_on_one_page_each(engine: Engine) -> None:
@@ -116,11 +123,13 @@ def test_a_withdrawn_device_is_out_of_what_was_told_before_and_stays_out_of_webh
     store = WebhookStore(engine, 10, 10, 100.0)
     store.create(WebhookDefinition(url="https://host/"), "office", 0.0)
     inbox = AlertInbox(engine, 100, 100.0, store.enqueue)
-    told, erased = list[str | None](), list[str]()
-    desk = AlertDesk(engine, inbox, told.append, lambda: None, erased.append)
-    assert desk.take(msgspec.structs.replace(alert(1), device="p", other_device="q"), 1.0)
-    assert not desk.take(alert(1), 1.0), "known already"
-    assert not desk.take(msgspec.structs.replace(alert(2), zone="no zone\0"), 1.0)
+    erased: list[str] = []
+    desk = AlertDesk(engine, inbox, lambda _: None, lambda: None, erased.append)
+    met = msgspec.structs.replace(alert(1), device="p", other_device="q")
+    assert desk.is_new(met)
+    assert not desk.is_new(met), "known already"
+    assert not desk.is_new(msgspec.structs.replace(alert(2), zone="no zone\0"))
+    desk.write_down(told(met))
     desk.erase("q")
     desk.write()
     one = inbox.one("a-1")
@@ -135,12 +144,12 @@ def test_while_the_database_is_away_alerts_wait_in_order(tmp_path: Path) -> None
     migrate(url)
     engine = open_alerts(url)
     inbox = AlertInbox(engine, 100, 1e12)
-    told: list[str | None] = []
+    heard: list[str | None] = []
     stopping = threading.Event()
 
     def tell(reason: str | None) -> None:
-        told.append(reason)
-        if reason is not None and sum(each is not None for each in told) == 1:
+        heard.append(reason)
+        if reason is not None and sum(each is not None for each in heard) == 1:
             with engine.begin() as connection:  # the table is back
                 connection.execute(text("ALTER TABLE gone RENAME TO api_alerts"))
         elif reason is None and len(inbox.newest(ANY, 9)) == 3:
@@ -150,13 +159,14 @@ def test_while_the_database_is_away_alerts_wait_in_order(tmp_path: Path) -> None
     with engine.begin() as connection:
         connection.execute(text("ALTER TABLE api_alerts RENAME TO gone"))
     for number in (1, 2, 3):
-        assert desk.take(alert(number), 1.0)
+        assert desk.is_new(alert(number))
+        desk.write_down(told(alert(number)))
     desk.run(stopping)
-    assert "api_alerts" in str(told[0])
+    assert "api_alerts" in str(heard[0])
     assert ids(inbox.arrived(ANY, 9, "")) == ["a-1", "a-2", "a-3"]
     again = AlertDesk(engine, inbox, tell, lambda: None, lambda _: None)
     again.remember()
-    assert not again.take(alert(2), 1.0), "a restart does not tell it again"
+    assert not again.is_new(alert(2)), "a restart does not tell it again"
 
 
 def test_a_webhook_gets_what_it_asked_for_and_what_failed_waits_or_dies(engine: Engine) -> None:
@@ -167,8 +177,8 @@ def test_a_webhook_gets_what_it_asked_for_and_what_failed_waits_or_dies(engine: 
     with pytest.raises(TooManyError, match="there are 2 webhooks"):
         store.create(WebhookDefinition(url="https://host/"), "office", 5.0)
     left = msgspec.structs.replace(alert(8, "nave"), kind="exit")
-    inbox.add([(alert(4), 4.0), (alert(6), 6.0), (alert(7, "nave"), 7.0), (left, 8.0)])
-    inbox.add([(alert(6), 6.0)])
+    inbox.add([told(alert(4)), told(alert(6)), told(alert(7, "nave")), told(left)])
+    inbox.add([told(alert(6))])
     due = store.due(1e12, {}, 9, set())
     assert [(each.url[-5:], each.alert.id) for each in due] == [
         ("every", "a-6"),
@@ -207,7 +217,7 @@ def test_what_waits_for_a_receiver_that_is_away_has_a_bound(engine: Engine) -> N
     store = WebhookStore(engine, 2, 3, 100.0)
     inbox = AlertInbox(engine, 100, 1e12, store.enqueue)
     hook = store.create(WebhookDefinition(url="https://host/"), "office", 0.0)
-    inbox.add([(alert(n), float(n)) for n in range(5)])
+    inbox.add([told(alert(n)) for n in range(5)])
     assert (store.one(hook.id).waiting, store.one(hook.id).dead) == (3, 2)
     assert [letter.reason for letter in store.dead(hook.id, 0, 9)] == ["more than 3 alerts were waiting"] * 2
     store.forget(now=1e12)

@@ -21,13 +21,14 @@ def upgrade() -> None:
         sa.Column("area", sa.String(64), nullable=False),
         sa.Column("device", sa.String(64)),
         sa.Column("other_device", sa.String(64)),
+        sa.Column("event", sa.BigInteger, nullable=False),
         sa.Column("told", sa.LargeBinary, nullable=False),
         sa.Column("acknowledged", sa.Float(53)),
         sa.Column("acknowledged_by", sa.String(200), nullable=False),
         sa.Column("note", sa.Text, nullable=False),
         sqlite_autoincrement=True,
     )
-    for column in ("t", "sent", "device", "other_device", "acknowledged"):
+    for column in ("t", "sent", "event", "device", "other_device", "acknowledged"):
         op.create_index(f"ix_api_alerts_{column}", "api_alerts", [column])
     op.create_index("ix_api_alerts_zone", "api_alerts", ["zone", "t"])
     op.create_table(
