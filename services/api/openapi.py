@@ -16,7 +16,7 @@ from services.api.problems import MEDIA_TYPE, Problem
 from services.api.replies import CameraReport, TrackColumns
 from shared.messages import Alert, Occupancy, Revision
 
-__all__ = ["GONE", "UNCHANGED", "created", "describe", "documented", "error", "errors"]
+__all__ = ["GONE", "UNCHANGED", "created", "describe", "documented", "drawn", "error", "errors"]
 
 _REFERENCE = "#/components/schemas/{name}"
 
@@ -37,6 +37,12 @@ def documented(body: type[msgspec.Struct], *statuses: int) -> dict[int | str, di
         200: {"description": (body.__doc__ or "").strip(), "content": {"application/json": content}}
     }
     return answers | errors(*statuses)
+
+
+def drawn(answers: dict[int | str, dict[str, Any]], example: dict[str, Any]) -> dict[int | str, dict[str, Any]]:
+    """Return the ``responses`` of a route that answers in GeoJSON, too, to who accepts that."""
+    answers[200]["content"]["application/geo+json"] = {"schema": {"type": "object"}, "example": example}
+    return answers
 
 
 def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:

@@ -210,6 +210,28 @@ def test_a_stream_waits_when_the_api_is_busy_and_gives_up_when_it_refuses(monkey
     assert pauses[-1] == 0.5, "once it works the pauses begin anew"
 
 
+def test_a_stream_without_loss_asks_for_every_event_since_and_says_when_they_are_gone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("atrium_client.client.time.sleep", lambda seconds: None)
+    answers = [
+        httpx.Response(200, text="id: 8\nevent: alert\ndata: {}\n\nid: 9\nevent: tracks\ndata: {}\n\n"),
+        httpx.Response(410, json={"title": "No longer held"}),
+    ]
+    asked: list[dict[str, str]] = []
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        asked.append(dict(request.url.params))
+        return answers[len(asked) - 1]
+
+    client = AtriumClient("http://x", "k", transport=httpx.MockTransport(answer))
+    events = client.events(kinds=["alert"], after="7", lossless=True)
+    assert next(events).id == "8"
+    with pytest.raises(AtriumError, match="410"):
+        next(events)
+    assert asked == [{"kinds": "alert", "from": "7"}, {"kinds": "alert", "from": "8"}]
+
+
 def test_errors_say_when_to_come_again_and_survive_a_proxys_page() -> None:
     answers = {
         "/v1/positions": httpx.Response(429, headers={"Retry-After": "3"}, json={"detail": "slow down"}),

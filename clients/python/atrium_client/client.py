@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from types import TracebackType
 from typing import Any, TypeVar
 from urllib.parse import quote
@@ -212,24 +212,29 @@ class AtriumClient:
         """Return whether all of it works, and what does not, in plain words."""
         return self._document("/health", {})
 
-    def events(self, *, area: str | None = None, after: str = "") -> Iterator[Event]:
+    def events(
+        self, *, kinds: Collection[str] = (), area: str | None = None, after: str = "", lossless: bool = False
+    ) -> Iterator[Event]:
         """Yield what happens, the present first, for ever: a connection that is lost is asked for again.
 
         After each loss it goes on with what came after the last event that had an id, so that no alert is missed.
 
         Args:
+            kinds: only these, such as ``alert``; none: all that the key may see.
             area: only this area.
-            after: id of an event or alert to go on after.
+            after: id of an event to go on after.
+            lossless: after a loss, be told every event since, also positions that are old by now.
 
         Raises:
-            AtriumError: the API refuses, for another reason than that it is busy or away.
+            AtriumError: the API refuses, for another reason than that it is busy or away; 410: with ``lossless``, what
+                came after the last event is held no more.
         """
         pause = FIRST_PAUSE
         while True:
             try:
-                for event in self._connected(area, after):
+                for event in self._connected(kinds, area, after, lossless):
                     pause = FIRST_PAUSE
-                    if event is not None:
+                    if event is not None and (not kinds or event.name in kinds):
                         after = event.id or after
                         yield event
             except httpx.TransportError:
@@ -241,9 +246,12 @@ class AtriumClient:
             time.sleep(pause)
             pause = min(2.0 * pause, LONGEST_PAUSE)
 
-    def _connected(self, area: str | None, after: str) -> Iterator[Event | None]:
+    def _connected(
+        self, kinds: Collection[str], area: str | None, after: str, lossless: bool
+    ) -> Iterator[Event | None]:
         headers = {"Last-Event-ID": after} if after else {}
-        params = {} if area is None else {"area": area}
+        asked = {"kinds": ",".join(kinds), "area": area, "from": after if lossless else None}
+        params = {name: value for name, value in asked.items() if value}
         timeout = httpx.Timeout(self._http.timeout.connect, read=SILENCE)
         with self._http.stream("GET", "/stream", params=params, headers=headers, timeout=timeout) as response:
             if response.is_error:

@@ -67,7 +67,7 @@ class Audited:
     async def _note(self, scope: Scope, message: Message, device: str, *, soon: bool) -> Problem | None:
         """Write it down; return why it could not be."""
         status: int = message.get("status", 101)
-        if status >= 400 and not (scope["path"] == "/v1/session" and status in (401, 429)):
+        if status >= 400 and not (scope["path"] == "/v1/session" and status == 401):
             return None
         state = scope.get("state", {})
         holder = state.get("holder")

@@ -16,7 +16,8 @@ from services.api.admin.catalogue import Catalogue, Entry
 from services.api.admin.geojson import GEOJSON, Crs, collection, placed
 from services.api.admin.shapes import Kind
 from services.api.examples import EXAMPLES
-from services.api.openapi import GONE, created, documented, errors
+from services.api.openapi import GONE, UNCHANGED, created, documented, errors
+from services.api.openapi import drawn as drawn_too
 from services.api.replies import Reply
 from services.api.request_body import described, invalid, read_body
 from shared.site import Site
@@ -61,6 +62,7 @@ def catalogue_routes(
     floors = {floor.id: Polygon(floor.outline) for floor in site.floors}
     body = described(kind.shape, EXAMPLES[kind.shape])
     one_feature = kind.draw(msgspec.convert(EXAMPLES[kind.shape], kind.shape), None)
+    many_features = {"type": "FeatureCollection", "features": [one_feature]}
     body["requestBody"]["content"][GEOJSON] = {"schema": {"type": "object"}, "example": one_feature}
 
     def respond(entry: Entry[Any], status: int = 200) -> Response:
@@ -85,7 +87,7 @@ def catalogue_routes(
         on_earth = placed(crs, earth)
         return await run_in_threadpool(kind.read, content, floors, geojson=geojson, earth=on_earth, path_id=path_id)
 
-    @router.get("", responses=documented(answers.list_shape, 422))
+    @router.get("", responses=drawn_too(documented(answers.list_shape, 422), many_features) | UNCHANGED)
     async def all_of_them(request: Request, crs: Annotated[Crs, _CRS] = "plan") -> Response:
         """All of them; with Accept: application/geo+json as a FeatureCollection."""
         if GEOJSON in request.headers.get("accept", ""):
@@ -101,7 +103,7 @@ def catalogue_routes(
         changed()
         return respond(entries[0], 201)
 
-    @router.get("/{item}", responses=documented(answers.shape, 404, 422))
+    @router.get("/{item}", responses=drawn_too(documented(answers.shape, 404, 422), one_feature))
     async def one_of_them(item: str, request: Request, crs: Annotated[Crs, _CRS] = "plan") -> Response:
         """One of them."""
         entry = catalogue.find(item)

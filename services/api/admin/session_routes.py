@@ -26,25 +26,27 @@ LARGEST = 4096
 """Bytes."""
 AT_ONCE = 2
 """Passwords that are tried at once: each takes 32 MiB and a tenth of a second of a core."""
-TRIES, SECONDS_EACH = 10, 30.0
-"""Wrong passwords at once, for one name or from one address, and how long until there is another try."""
+OF_A_NAME = (10, 30.0)
+"""Wrong passwords at once, and seconds until there is another try."""
+OF_AN_ADDRESS = (100, 2.0)
+"""More, because all who come through one proxy or the dashboard have one address."""
 
 
 def session_routes(accounts: Accounts) -> APIRouter:
     """Return the routes."""
     router = APIRouter(prefix="/v1/session", tags=["accounts"], default_response_class=Response)
-    wrong = RateLimiter(1.0 / SECONDS_EACH, TRIES)
+    rations = [RateLimiter(1.0 / seconds, tries) for tries, seconds in (OF_A_NAME, OF_AN_ADDRESS)]
     desk = asyncio.Semaphore(AT_ONCE)
 
     async def role_of(request: Request, name: str, password: str) -> Role:
         request.state.audit_who = name or "nobody"
-        sources = [f"name {name}", f"address {request.client.host if request.client else ''}"]
-        wait = max(wrong.wait(source) for source in sources)
+        sources = list(zip(rations, (name, request.client.host if request.client else ""), strict=True))
+        wait = max(ration.wait(source) for ration, source in sources)
         if wait > 0.0:
             raise ProblemError(*too_many("too many wrong passwords", wait))
         # Counted before it is tried: many at once are many tries.
-        for source in sources:
-            wrong.spend(source)
+        for ration, source in sources:
+            ration.spend(source)
         async with desk:
             role = await run_in_threadpool(accounts.is_right, name, password)
         if role is None:
@@ -60,8 +62,8 @@ def session_routes(accounts: Accounts) -> APIRouter:
                 ),
                 {"WWW-Authenticate": 'Bearer realm="atrium"'},
             )
-        for source in sources:
-            wrong.spend(source, -1.0)
+        for ration, source in sources:
+            ration.spend(source, -1.0)
         return role
 
     @router.post(
@@ -70,7 +72,7 @@ def session_routes(accounts: Accounts) -> APIRouter:
         openapi_extra=described(Credentials, EXAMPLES[Credentials]) | {"security": []},
     )
     async def sign_in(request: Request) -> Response:
-        """Sign in; needs no key. After ten wrong passwords for one name or from one address: wait."""
+        """Sign in; needs no key. After ten wrong passwords for one name, or a hundred from one address: wait."""
         told = read_object(await read_body(request, LARGEST), Credentials, "user and password")
         role = await role_of(request, told.user, told.password)
         made = await run_in_threadpool(accounts.sign_in, told.user, role)
