@@ -18,6 +18,9 @@ __all__ = ["Tls", "serve"]
 
 log = structlog.get_logger(__name__)
 
+STREAM_BUFFER = 128 * 1024
+"""Bytes that wait in the system for a client of a stream."""
+
 
 @dataclass(frozen=True, slots=True)
 class Tls:
@@ -38,6 +41,7 @@ def serve(
     proxies: Sequence[str] = (),
     keep_alive: int = 5,
     connections: int | None = None,
+    stalled_after: float | None = None,
 ) -> None:
     """Serve ``app`` with uvicorn until ``stopping`` is set, then give open requests two seconds to end.
 
@@ -51,6 +55,9 @@ def serve(
         proxies: addresses or networks whose ``X-Forwarded-For`` and ``X-Forwarded-Proto`` are believed.
         keep_alive: seconds after which an idle connection is closed.
         connections: open at once; more are answered 503.
+        stalled_after: for applications that stream: seconds after which the system cuts a connection whose other end
+            takes nothing of what waits for it (Linux). What waits there is then bounded, so that the application
+            notices before, and WebSockets are sent uncompressed, so that what many are told is made once.
 
     Raises:
         ServiceError: the address cannot be listened on, or certificate and key cannot be used.
@@ -64,6 +71,10 @@ def serve(
         listener = socket.create_server((host, port), reuse_port=False)
     except OSError as error:
         raise ServiceError(f"cannot listen on {host}:{port}: {error.strerror}") from error
+    if stalled_after is not None:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, STREAM_BUFFER)
+    if stalled_after is not None and hasattr(socket, "TCP_USER_TIMEOUT"):
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(stalled_after * 1000.0))
     config = uvicorn.Config(
         app,
         log_config=None,
@@ -74,6 +85,7 @@ def serve(
         ssl_certfile=None if tls is None else tls.certificate,
         ssl_keyfile=None if tls is None else tls.key,
         ws_max_size=frame_bytes,
+        ws_per_message_deflate=stalled_after is None,
         proxy_headers=bool(proxies),
         forwarded_allow_ips=list(proxies),
         timeout_keep_alive=keep_alive,

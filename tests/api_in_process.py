@@ -1,5 +1,6 @@
 """One api service in this process, on a real bus and a real port."""
 
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -18,7 +19,8 @@ DEADLINE = 15.0
 @contextmanager
 def running(site: Site, project: Path, endpoint: str, port: int, **changes: object) -> Iterator[str]:
     """One api service, in this process, until the block ends; yields its address."""
-    changes = {"stream_keep_alive": 0.3} | changes
+    folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+    changes = {"stream_keep_alive": 0.3, "api_database_url": f"sqlite:///{folder.name}/api.db"} | changes
     settings = ApiSettings(
         site_file=project / "deploy/sites/hall/site.yaml",
         profile="demo",
@@ -26,7 +28,7 @@ def running(site: Site, project: Path, endpoint: str, port: int, **changes: obje
         api_port=port,
         **changes,  # type: ignore[arg-type]
     )
-    with Bus([endpoint]) as bus:
+    with folder, Bus([endpoint]) as bus:
         service = ApiService(settings, site, bus, Health.__new__(Health))
         # A second Health in one process would register its gauge twice.
         service.health.__dict__.update(_problems={}, _lock=threading.Lock(), ready=threading.Event())

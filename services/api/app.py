@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
-from typing import Annotated, Any
 
 import msgspec
-from fastapi import APIRouter, FastAPI, Query, Request
+from fastapi import APIRouter, FastAPI
 from fastapi_offline import FastAPIOffline
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
-from starlette.responses import RedirectResponse, Response, StreamingResponse
+from starlette.responses import RedirectResponse, Response
 
+from services.api.admin.administration import Administration, admin_routes
+from services.api.admin.audit_layer import Audited
+from services.api.alerts.office import AlertOffice
 from services.api.auth import Guard, KeyRing
 from services.api.calibration_routes import calibration_routes
 from services.api.erasures import ErasureBoard, erasure_reads
@@ -25,51 +27,33 @@ from services.api.learning_maps import learning_maps
 from services.api.learning_orders import learning_orders
 from services.api.learning_reads import learning_reads
 from services.api.live_state import LiveState
-from services.api.openapi import describe, documented, error
-from services.api.problems import Problem, ProblemError, tell_problems, unknown
+from services.api.openapi import UNCHANGED, describe, documented
+from services.api.position_routes import position_routes
+from services.api.problems import tell_problems
 from services.api.replies import (
-    Alerts,
     Cameras,
     HealthReport,
-    Position,
-    Positions,
     SiteView,
-    Tracks,
-    Zones,
 )
 from services.api.settings import ApiSettings
-from services.api.stream import Hub, alert_event, camera_event, tracks_event
+from services.api.stream import Hub
+from services.api.stream_routes import streams
 from shared.site import Site
 
 __all__ = ["create_app"]
-
-_STREAM: dict[int | str, dict[str, Any]] = {
-    200: {
-        "description": "Events `tracks` (TrackColumns), `revision` (Revision), `alert` (Alert) and `camera` "
-        "(CameraReport), until you leave.",
-        "content": {
-            "text/event-stream": {
-                "schema": {"type": "string"},
-                "example": 'event: tracks\ndata: {"area":"hall","t":1767225600.2,"floor":["ground"],"track":[12],'
-                '"x":[9.41],"y":[3.2],"vx":[0.9],"vy":[0.1],"state":["confirmed"],"device":["d-7f3a"],'
-                '"probability":[0.97],"accuracy":[0.12]}\n\n',
-            }
-        },
-    },
-    **{status: error(status) for status in (401, 403, 404, 503)},
-}
 
 
 def create_app(
     settings: ApiSettings,
     site: Site,
-    site_json: bytes,
     live: LiveState,
     hub: Hub,
     health: Callable[[float], HealthReport],
     learning: LearningLink,
     history: HistoryLink,
     erasures: ErasureBoard,
+    admin: Administration,
+    alerts: AlertOffice,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
     ask: Callable[[str, float, bytes | None], bytes | None] = lambda *_: None,
 ) -> FastAPI:
@@ -78,13 +62,14 @@ def create_app(
     Args:
         settings: keys and CORS origins are read from here.
         site: to check ids that clients name.
-        site_json: the ready body of ``GET /v1/site``.
         live: what is true now.
-        hub: where stream readers join.
+        hub: where stream readers join; it is told of acknowledgements.
         health: makes the health report of one moment.
         learning: asks the learning service.
         history: asks the history service.
         erasures: who withdrew consent and where that was carried out.
+        admin: zones, exhibits, keys and people.
+        alerts: the inbox and the webhooks.
         lifespan: runs around the life of the server.
         ask: sends a query over the bus: key, seconds to wait, payload; None where nobody answers.
     """
@@ -93,25 +78,38 @@ def create_app(
         "/v1/tracks": lambda now: live.tracks_json(None, now),
         "/v1/zones": live.zones_json,
         "/v1/cameras": live.cameras_json,
-        "/v1/site": lambda _: site_json,
+        "/v1/site": lambda _: admin.site_json,
     }
-    layers = [Middleware(Guard, ring=KeyRing(settings.api_keys)), Middleware(HotReads, sources=sources)]
+    layers = [
+        Middleware(Guard, ring=KeyRing(settings.api_keys, lambda: admin.accounts.holders)),
+        Middleware(HotReads, sources=sources),
+        Middleware(Audited, audit=admin.audit),
+    ]
     if settings.cors_origins:
-        headers = ["Authorization", "X-API-Key", "Last-Event-ID"]
+        headers = ["Authorization", "X-API-Key", "Last-Event-ID", "Content-Type", "If-Match", "If-None-Match"]
+        methods = ["GET", "POST", "PUT", "DELETE"]
         cors = Middleware(
-            CORSMiddleware, allow_origins=settings.cors_origins, allow_methods=["GET"], allow_headers=headers
+            CORSMiddleware,
+            allow_origins=settings.cors_origins,
+            allow_methods=methods,
+            allow_headers=headers,
+            expose_headers=["ETag", "Location", "Retry-After"],
         )
         layers.insert(0, cors)
     app = FastAPIOffline(redoc_url=None, title="Atrium", version="1", lifespan=lifespan, middleware=layers)
     tell_problems(app)
     describe(app)
-    app.include_router(_reads(site, site_json, live, health))
-    app.include_router(_stream(site, live, hub))
+    app.include_router(position_routes(site, live))
+    app.include_router(_reads(live, health, admin))
+    app.include_router(admin_routes(admin))
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
     app.include_router(calibration_routes(site, settings.site_file, ask, learning))
     app.include_router(history_reads(site, history))
     app.include_router(erasure_reads(erasures))
+    log = streams(site, live, hub, alerts.past, settings.stream_patience)
+    for router in (log, *alerts.routers(hub, lambda: live.zones.ids)):
+        app.include_router(router)
 
     @app.get("/", include_in_schema=False)
     async def root() -> RedirectResponse:
@@ -124,66 +122,15 @@ def _json(body: bytes) -> Response:
     return Response(body, media_type="application/json")
 
 
-def _reads(site: Site, site_json: bytes, live: LiveState, health: Callable[[float], HealthReport]) -> APIRouter:
+def _reads(live: LiveState, health: Callable[[float], HealthReport], admin: Administration) -> APIRouter:
     router = APIRouter(prefix="/v1", default_response_class=Response)
-    areas = [area.id for area in site.areas]
-    zones = [zone.id for zone in site.zones]
 
-    @router.get("/positions", tags=["positions"], responses=documented(Positions))
-    async def positions() -> Response:
-        """Where every located device is, or was last, while that is not too long ago (see age)."""
-        return _json(live.positions_json(time.time()))
-
-    @router.get("/positions/{device}", tags=["positions"], responses=documented(Position, 404))
-    async def position(device: str) -> Response:
-        """Where one device is."""
-        found = live.position(device, time.time())
-        if found is None:
-            raise unknown("device", device)
-        return _json(msgspec.json.encode(found))
-
-    @router.get("/tracks", tags=["positions"], responses=documented(Tracks, 404))
-    async def tracks(area: Annotated[str | None, Query(description="only this area")] = None) -> Response:
-        """Everybody, also people without a phone, in the newest frame of each area."""
-        if area is not None and area not in areas:
-            raise unknown("area", area, areas)
-        return _json(live.tracks_json(area, time.time()))
-
-    @router.get("/zones", tags=["zones"], responses=documented(Zones))
-    async def zone_list() -> Response:
-        """The zones and how many people are in each now."""
-        return _json(live.zones_json(time.time()))
-
-    @router.get("/alerts", tags=["zones"], responses=documented(Alerts, 404, 422))
-    async def alerts(
-        since: Annotated[
-            float | None, Query(allow_inf_nan=False, description="only alerts measured after this time")
-        ] = None,
-        zone: Annotated[str | None, Query(description="only this zone")] = None,
-        limit: Annotated[int, Query(ge=1, le=1000, description="at most this many")] = 100,
-        after: Annotated[
-            str | None,
-            Query(
-                description="only alerts that came after the one of this id, first come first; empty: from the first"
-            ),
-        ] = None,
-    ) -> Response:
-        """Who entered and left which zone, newest first; with after, in the order they came, so that none is missed."""
-        if zone is not None and zone not in zones:
-            raise unknown("zone", zone, zones)
-        if after is not None:
-            try:
-                return _json(msgspec.json.encode(live.alerts_from(time.time(), after, since, zone, limit)))
-            except KeyError:
-                raise unknown("after", after, ["the id of an alert that is still held", "nothing"]) from None
-        return _json(msgspec.json.encode(live.alerts(time.time(), since, zone, limit)))
-
-    @router.get("/site", tags=["site"], responses=documented(SiteView))
+    @router.get("/site", tags=["site"], responses=documented(SiteView) | UNCHANGED)
     async def site_view() -> Response:
         """What a map needs: floors, areas, cameras and what they see, access points, zones."""
-        return _json(site_json)
+        return _json(admin.site_json)
 
-    @router.get("/cameras", tags=["site"], responses=documented(Cameras))
+    @router.get("/cameras", tags=["site"], responses=documented(Cameras) | UNCHANGED)
     async def cameras() -> Response:
         """How each camera is doing."""
         return _json(live.cameras_json(time.time()))
@@ -192,56 +139,5 @@ def _reads(site: Site, site_json: bytes, live: LiveState, health: Callable[[floa
     async def health_now() -> Response:
         """Whether everything works, and what does not, in plain words."""
         return _json(msgspec.json.encode(health(time.time())))
-
-    return router
-
-
-def _stream(site: Site, live: LiveState, hub: Hub) -> APIRouter:
-    router = APIRouter(prefix="/v1", default_response_class=Response)
-    areas = [area.id for area in site.areas]
-
-    @router.get("/stream", tags=["stream"], responses=_STREAM)
-    async def stream(
-        request: Request, area: Annotated[str | None, Query(description="only this area")] = None
-    ) -> StreamingResponse:
-        """Server-sent events: the present state first, then every change.
-
-        An event "tracks" comes once per frame of an area, at most ten times a second; a slow reader gets the newest.
-        A "revision" replaces what was told of some devices' last seconds.
-        An "alert" needs a key with the scope alerts, a "camera" one with the scope site. Send Last-Event-ID to be told
-        the alerts after that one.
-        """
-        if area is not None and area not in areas:
-            raise unknown("area", area, areas)
-        if hub.full:
-            raise ProblemError(
-                Problem(
-                    type="urn:atrium:too-many-streams",
-                    title="Too many streams",
-                    status=503,
-                    detail="as many streams are open as this server takes; try again later",
-                ),
-                {"Retry-After": "5"},
-            )
-        scopes = request.state.holder.scopes
-        allowed = {"tracks": "positions", "revision": "positions", "alert": "alerts", "camera": "site"}
-        reader = hub.join(frozenset(event for event, scope in allowed.items() if scope in scopes), area)
-        for report in live.cameras(time.time()):
-            reader.offer("camera", report.camera, report.area, camera_event(report))
-        for alert in live.alerts_after(request.headers.get("last-event-id", "")):
-            reader.offer("alert", alert.zone, alert.area, alert_event(alert))
-        for frame in live.frames():
-            reader.offer("tracks", frame.area, frame.area, tracks_event(frame))
-
-        async def events() -> AsyncIterator[bytes]:
-            try:
-                async for chunk in reader.events():
-                    yield chunk
-            finally:
-                hub.leave(reader)
-
-        return StreamingResponse(
-            events(), media_type="text/event-stream", headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        )
 
     return router

@@ -6,10 +6,22 @@ from typing import Any
 
 import msgspec
 
+from services.api.admin.examples import ADMIN_EXAMPLES, RULE
+from services.api.alerts.examples import ALERT_EXAMPLES
 from services.api.calibration_replies import CALIBRATION_EXAMPLES
 from services.api.history_examples import HISTORY_EXAMPLES
 from services.api.learning_examples import LEARNING_EXAMPLES
-from services.api.replies import Alerts, Cameras, HealthReport, Position, Positions, SiteView, Tracks, Zones
+from services.api.replies import (
+    Cameras,
+    Devices,
+    HealthReport,
+    Position,
+    Positions,
+    SiteView,
+    Tracks,
+    ZoneReport,
+    Zones,
+)
 
 __all__ = ["EXAMPLES"]
 
@@ -39,26 +51,47 @@ _CAMERA: dict[str, Any] = {
     "t": 1767225599.9,
     "age": 0.4,
 }
-_ALERT: dict[str, Any] = {
-    "t": 1767225598.1,
-    "id": "1767225598100-hall-12-entrance-enter",
-    "zone": "entrance",
-    "kind": "enter",
-    "area": "hall",
-    "track": 12,
-    "floor": "ground",
-    "x": 9.1,
-    "y": 0.4,
-    "device": "d-7f3a",
-}
 _CORNERS = [[7.0, 0.0], [13.0, 0.0], [13.0, 2.5], [7.0, 2.5]]
+
+_ZONE: dict[str, Any] = {
+    "id": "entrance",
+    "name": "Entrance",
+    "floor": "ground",
+    "shape": "area",
+    "points": _CORNERS,
+    "rules": [{**RULE, "id": "enter", "kind": "enter"}, {**RULE, "id": "exit", "kind": "exit"}],
+    "polygon": _CORNERS,
+    "alert_on": ["enter", "exit"],
+    "inside": 2,
+    "unseen": 0,
+    "etag": '"a1b2c3d4e5f60718a1"',
+}
 
 EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     **LEARNING_EXAMPLES,
     **CALIBRATION_EXAMPLES,
     **HISTORY_EXAMPLES,
+    **ALERT_EXAMPLES,
+    **ADMIN_EXAMPLES,
+    ZoneReport: _ZONE,
     Position: _POSITION,
-    Positions: {"t": 1767225600.28, "positions": [_POSITION]},
+    Positions: {"t": 1767225600.28, "positions": [_POSITION], "next": None},
+    Devices: {
+        "t": 1767225600.28,
+        "devices": [
+            {
+                "device": "d-7f3a",
+                "state": "confirmed",
+                "area": "hall",
+                "floor": "ground",
+                "zones": ["entrance"],
+                "probability": 0.97,
+                "t": 1767225600.2,
+                "age": 0.08,
+            }
+        ],
+        "next": None,
+    },
     Tracks: {
         "t": 1767225600.28,
         "tracks": [
@@ -72,22 +105,14 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
                 "quality": 0.93,
             }
         ],
+        "next": None,
     },
     Zones: {
         "t": 1767225600.28,
         "zones": [
-            {
-                "id": "entrance",
-                "name": "Entrance",
-                "floor": "ground",
-                "polygon": _CORNERS,
-                "alert_on": ["enter", "exit"],
-                "inside": 2,
-                "unseen": 0,
-            }
+            _ZONE,
         ],
     },
-    Alerts: {"t": 1767225600.28, "alerts": [_ALERT]},
     Cameras: {"t": 1767225600.28, "cameras": [_CAMERA]},
     HealthReport: {
         "t": 1767225600.28,
@@ -122,6 +147,6 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
             }
         ],
         "access_points": [{"id": "ap-1", "floor": "ground", "position": [0.3, 0.3, 2.8], "kind": "wifi"}],
-        "zones": [{"id": "entrance", "name": "Entrance", "floor": "ground", "polygon": _CORNERS}],
+        "zones": [{"id": "entrance", "name": "Entrance", "floor": "ground", "polygon": _CORNERS, "shape": "area"}],
     },
 }

@@ -6,6 +6,8 @@ the answer. The same paths stand in the application too, where they are document
 
 from __future__ import annotations
 
+import itertools
+import secrets
 import time
 from collections.abc import Callable, Mapping
 
@@ -14,12 +16,48 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 __all__ = ["HotReads"]
 
 
+class _Source:
+    """One body that is built anew only when it changes, and the headers that go with it.
+
+    A body's tag is a number: sources hand out the very same object as long as nothing changed, so nothing is hashed.
+    """
+
+    __slots__ = ("_body", "_build", "_headers", "_run", "tag")
+
+    def __init__(self, build: Callable[[float], bytes], run: str) -> None:
+        self._build = build
+        self._run = run
+        self._body: bytes | None = None
+        self._headers: list[tuple[bytes, bytes]] = []
+        self.tag = b""
+
+    def at(self, now: float) -> tuple[bytes, list[tuple[bytes, bytes]]]:
+        body = self._build(now)
+        if body is not self._body:
+            self._body = body
+            self.tag = f'"{self._run}{next(_numbers)}"'.encode()
+            self._headers = [
+                (b"content-type", b"application/json"),
+                (b"content-length", str(len(body)).encode()),
+                (b"etag", self.tag),
+                (b"cache-control", b"no-cache"),
+            ]
+        return body, self._headers
+
+
+_numbers = itertools.count(1)
+
+
 class HotReads:
-    """ASGI layer that answers ``GET path`` without a query by ``sources[path](now)``, a JSON body."""
+    """ASGI layer that answers ``GET path`` without a query by ``sources[path](now)``, a JSON body with an ETag.
+
+    Whoever names the present tag in ``If-None-Match`` gets 304 and no body. Who accepts GeoJSON is handed on.
+    """
 
     def __init__(self, app: ASGIApp, sources: Mapping[str, Callable[[float], bytes]]) -> None:
         self._app = app
-        self._sources = sources
+        run = f"{secrets.token_hex(3)}-"
+        self._sources = {path: _Source(build, run) for path, build in sources.items()}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or hand the request on."""
@@ -27,7 +65,17 @@ class HotReads:
         if source is None or scope["method"] != "GET" or scope["query_string"]:
             await self._app(scope, receive, send)
             return
-        body = source(time.time())
-        headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
+        held = None
+        for name, value in scope["headers"]:
+            if name == b"if-none-match":
+                held = value
+            elif name == b"accept" and b"geo+json" in value:
+                await self._app(scope, receive, send)
+                return
+        body, headers = source.at(time.time())
+        if held is not None and source.tag in [tag.strip().removeprefix(b"W/") for tag in held.split(b",")]:
+            await send({"type": "http.response.start", "status": 304, "headers": headers[2:]})
+            await send({"type": "http.response.body", "body": b""})
+            return
         await send({"type": "http.response.start", "status": 200, "headers": headers})
         await send({"type": "http.response.body", "body": body})

@@ -16,6 +16,7 @@ from services.api.learning_link import LearningLink
 from services.api.learning_replies import LearningDone, RollBack
 from services.api.openapi import documented, errors
 from services.api.problems import Problem, ProblemError
+from services.api.request_body import invalid, read_body
 from shared.keys import is_identifier
 from shared.learning_command import LearningAnswer, LearningCommand
 from shared.learning_report import ModelKind
@@ -68,7 +69,7 @@ def learning_orders(link: LearningLink) -> APIRouter:
     )
     async def roll_back(request: Request) -> Response:
         """Return one model to the version before; the order is logged with the key's name."""
-        wanted = _roll_back_of(await _read(request, LARGEST_ORDER))
+        wanted = _roll_back_of(await read_body(request, LARGEST_ORDER))
         command = LearningCommand(do="rollback", kind=wanted.kind, subject=wanted.subject)
         return done(await run_in_threadpool(order, request, command))
 
@@ -108,11 +109,11 @@ def learning_orders(link: LearningLink) -> APIRouter:
         camera: Annotated[list[str] | None, Query(description="a camera's name there and here, THERE:HERE")] = None,
     ) -> Response:
         """Bring in what an export took out; it goes live once it wins. What does not fit changes nothing."""
-        body = await _read(request, LARGEST_BUNDLE)
+        body = await read_body(request, LARGEST_BUNDLE)
         try:
             msgspec.json.decode(body, type=dict[str, msgspec.Raw])
         except msgspec.MsgspecError as reason:
-            raise _invalid("body", str(reason), "the JSON object that GET /v1/learning/export answered") from reason
+            raise invalid("body", str(reason), "the JSON object that GET /v1/learning/export answered") from reason
         command = LearningCommand(
             do="import",
             bundle=msgspec.Raw(body),
@@ -133,31 +134,11 @@ def _body(schema: str | None, example: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-async def _read(request: Request, most: int) -> bytes:
-    """Return the body, unless it is larger than ``most`` bytes."""
-    body = bytearray()
-    async for chunk in request.stream():
-        body += chunk
-        if len(body) > most:
-            raise ProblemError(
-                Problem(
-                    type="urn:atrium:too-large",
-                    title="Too large",
-                    status=413,
-                    detail=f"the body is larger than {most} bytes",
-                    field="body",
-                    found=f"more than {most} bytes",
-                    allowed=f"at most {most} bytes",
-                )
-            )
-    return bytes(body)
-
-
 def _renamed(field: str, pairs: Sequence[str]) -> dict[str, str]:
     names = dict(pair.split(":", 1) for pair in pairs if pair.count(":") == 1)
     wrong = [pair for pair in pairs if pair.count(":") != 1 or not all(map(is_identifier, pair.split(":")))]
     if wrong:
-        raise _invalid(field, wrong[0][:100], "THERE:HERE, the name it had there and the one it has here")
+        raise invalid(field, wrong[0][:100], "THERE:HERE, the name it had there and the one it has here")
     return names
 
 
@@ -166,34 +147,20 @@ def _roll_back_of(body: bytes) -> RollBack:
     try:
         told = msgspec.json.decode(body, type=dict[str, Any])
     except msgspec.MsgspecError as reason:
-        raise _invalid("body", str(reason), allowed) from reason
+        raise invalid("body", str(reason), allowed) from reason
     for field in told:
         if field not in ("kind", "subject"):
-            raise _invalid(field[:64], "a field that means nothing here", allowed)
+            raise invalid(field[:64], "a field that means nothing here", allowed)
     kind, subject = told.get("kind"), told.get("subject")
     if kind not in get_args(ModelKind):
-        raise _invalid("kind", _value(kind), ", ".join(get_args(ModelKind)))
+        raise invalid("kind", _value(kind), ", ".join(get_args(ModelKind)))
     if not isinstance(subject, str):
-        raise _invalid("subject", _value(subject), "the id of an area, camera or device")
+        raise invalid("subject", _value(subject), "the id of an area, camera or device")
     return msgspec.convert(told, RollBack)
 
 
 def _value(found: object) -> str:
     return "nothing" if found is None else str(found)[:64]
-
-
-def _invalid(field: str, found: str, allowed: str) -> ProblemError:
-    return ProblemError(
-        Problem(
-            type="urn:atrium:invalid-value",
-            title="Invalid value",
-            status=422,
-            detail=f"{field}: {found}; allowed: {allowed}",
-            field=field,
-            found=found,
-            allowed=allowed,
-        )
-    )
 
 
 def _refusal(command: LearningCommand, answer: LearningAnswer) -> ProblemError:

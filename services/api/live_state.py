@@ -1,23 +1,19 @@
-"""What is true now: the newest tracks, last known positions, alerts and camera statuses, and their ready-made bytes.
+"""What is true now: the newest tracks, last known positions and camera statuses, and their ready-made bytes.
 
 Touched by one thread only (the HTTP event loop), so it needs no locks. Time comes in as an argument. Everything kept
-is bounded: frames by the number of areas, positions and alerts by settings.
+is bounded: frames by the number of areas, positions by age.
 """
 
 from __future__ import annotations
 
-import bisect
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-import shapely
 
 from services.api.replies import (
-    Alerts,
     AreaFreshness,
     CameraReport,
     Cameras,
@@ -29,14 +25,18 @@ from services.api.replies import (
     ZoneReport,
     Zones,
 )
+from services.api.zones_drawn import ZonesDrawn, zones_of
 from shared.erased import Erased
-from shared.messages import Alert, CameraStatus, TrackFrame
+from shared.messages import CameraStatus, TrackFrame
 from shared.site import Site
 
 __all__ = ["LiveState"]
 
 REBUILD_AFTER = 0.2
 """Seconds after which ready-made bytes are built anew even when nothing came: ages must grow."""
+
+WALKS = 0.3
+"""Metres per second from which a velocity tells where somebody looks; slower, it is noise."""
 
 CLOCK_SET_BACK = 5.0
 """Seconds by which a message must be older than the one held for it to be a clock set back and no late message."""
@@ -53,6 +53,8 @@ class _Arrived:
 class _Fix:
     arrived: _Arrived
     index: int
+    heading: tuple[float, float] | None = None
+    """Radians counter-clockwise from +x, and when its carrier last walked that way."""
 
 
 class _ReadyBytes:
@@ -81,30 +83,18 @@ class LiveState:
         site: what is where.
         positions_kept: seconds a device's last position is told after its source was received.
         tracks_kept: the same for the tracks of an area.
-        alerts_kept: how many alerts are held, oldest dropped first.
-        started: wall clock; alerts sent earlier come from caches, in no order of their own.
     """
 
-    def __init__(
-        self, site: Site, positions_kept: float, tracks_kept: float, alerts_kept: int, started: float = -math.inf
-    ) -> None:
+    def __init__(self, site: Site, positions_kept: float, tracks_kept: float) -> None:
         self._site = site
         self._positions_kept = positions_kept
         self._tracks_kept = tracks_kept
-        self._alerts_kept = alerts_kept
         self._version = 0
         self.erased = Erased()
         self._newest: dict[str, _Arrived] = {}
         self._fixes: dict[str, _Fix] = {}
         self._statuses: dict[str, tuple[CameraStatus, float]] = {}
-        self._started = started
-        self._alerts: list[Alert] = []
-        """By time of measurement, which alerts do not arrive by: a crossing is told once it is certain."""
-        self._arrivals: list[tuple[float, Alert]] = []
-        """By arrival; those of before this process began arrived all at once, and stand first, by time of sending."""
-        self._alert_ids: set[str] = set()
-        self._polygons = [shapely.Polygon(zone.polygon) for zone in site.zones]
-        shapely.prepare(self._polygons)
+        self._drawn = ZonesDrawn(zones_of(site))
         self._positions = _ReadyBytes(self._build_positions)
         self._tracks: dict[str | None, _ReadyBytes] = {}
         for area in (None, *(area.id for area in site.areas)):
@@ -133,41 +123,17 @@ class LiveState:
                 known = self._fixes.get(device)
                 # Two tracks of one frame may claim a device while it changes hands: the surer one has it.
                 if known is None or known.arrived is not arrived or _surer(arrived.frame, index, known.index):
-                    self._fixes[device] = _Fix(arrived, index)
+                    self._fixes[device] = _Fix(arrived, index, _heading(arrived.frame, index, known))
         self._version += 1
         return True
 
     def erase(self, device: str) -> None:
-        """Forget a device whose consent was withdrawn, also in alerts that were told before."""
+        """Forget a device whose consent was withdrawn."""
         self.erased.add(device)
         self._fixes.pop(device, None)
         for area, held in self._newest.items():
             self._newest[area] = _Arrived(self.erased.from_tracks(held.frame), held.origin)
-        self._alerts = [self.erased.from_alert(alert) for alert in self._alerts]
-        self._arrivals = [(place, self.erased.from_alert(alert)) for place, alert in self._arrivals]
         self._version += 1
-
-    def take_alert(self, alert: Alert, sent: float = math.inf) -> bool:
-        """Take in an alert; False where it is known already (caches are told again when a router comes back).
-
-        Args:
-            alert: what happened.
-            sent: wall clock at which it was published.
-        """
-        if alert.id in self._alert_ids:
-            return False
-        if len(self._alerts) >= self._alerts_kept:
-            if alert.t < self._alerts[0].t:
-                return False
-            oldest = self._alerts.pop(0)
-            self._alert_ids.discard(oldest.id)
-            del self._arrivals[self._arrival(oldest.id)]
-        self._alert_ids.add(alert.id)
-        alert = self.erased.from_alert(alert)
-        bisect.insort(self._alerts, alert, key=lambda held: held.t)
-        place = sent if sent < self._started else math.inf
-        bisect.insort(self._arrivals, (place, alert), key=lambda arrival: arrival[0])
-        return True
 
     def take_status(self, status: CameraStatus, now: float) -> bool:
         """Take in a camera's status; False where the camera is not in the site file or a newer status is held.
@@ -192,12 +158,25 @@ class LiveState:
         """Return the body of ``GET /v1/positions``."""
         return self._positions.at(now, self._version)
 
+    def positions(self, now: float) -> list[Position]:
+        """Return where every device is."""
+        return self._build_positions(now).positions
+
+    def tracks(self, area: str | None, now: float) -> list[Track]:
+        """Return everybody in the newest frame of one area or of all."""
+        return self._build_tracks(now, area).tracks
+
     def position(self, device: str, now: float) -> Position | None:
         """Return where one device is, None if it has not been located lately."""
         fix = self._fixes.get(device)
         if fix is None or now - fix.arrived.origin > self._positions_kept:
             return None
         return self._told(device, fix, now)
+
+    def heading(self, device: str) -> tuple[float, float] | None:
+        """Return where a device's carrier walked last, radians counter-clockwise from +x, and when; None: nowhere."""
+        fix = self._fixes.get(device)
+        return None if fix is None else fix.heading
 
     def tracks_json(self, area: str | None, now: float) -> bytes:
         """Return the body of ``GET /v1/tracks`` for one area (KeyError if the site has none such) or for all."""
@@ -211,50 +190,15 @@ class LiveState:
         """Return the body of ``GET /v1/cameras``."""
         return self._cameras.at(now, self._version)
 
-    def alerts(self, now: float, since: float | None, zone: str | None, limit: int) -> Alerts:
-        """Return the newest ``limit`` alerts measured after ``since``, newest first."""
-        found: list[Alert] = []
-        for alert in reversed(self._alerts):
-            if len(found) >= limit or (since is not None and alert.t <= since):
-                break
-            if zone is None or alert.zone == zone:
-                found.append(alert)
-        return Alerts(t=now, alerts=found)
+    def draw(self, zones: ZonesDrawn) -> None:
+        """Count in these zones from now on."""
+        self._drawn = zones
+        self._version += 1
 
-    def alerts_from(self, now: float, after: str, since: float | None, zone: str | None, limit: int) -> Alerts:
-        """Return the first ``limit`` alerts that arrived after the one named, in that order, so that none is missed.
-
-        Args:
-            now: for the reply.
-            after: id of an alert; empty: from the first one held.
-            since: only those measured after this time.
-            zone: only those of this zone.
-            limit: at most this many.
-
-        Raises:
-            KeyError: the alert named is not held (any more).
-        """
-        if after and after not in self._alert_ids:
-            raise KeyError(after)
-        matching = (
-            alert
-            for alert in (self.alerts_after(after) if after else [alert for _, alert in self._arrivals])
-            if (zone is None or alert.zone == zone) and (since is None or alert.t > since)
-        )
-        return Alerts(t=now, alerts=list(itertools.islice(matching, limit)))
-
-    def alerts_after(self, alert_id: str) -> list[Alert]:
-        """Return the alerts that arrived after the one named, in that order; none where it is not known (any more)."""
-        if alert_id not in self._alert_ids:
-            return []
-        return [alert for _, alert in self._arrivals[self._arrival(alert_id) + 1 :]]
-
-    def _arrival(self, alert_id: str) -> int:
-        return next(index for index, (_, alert) in enumerate(self._arrivals) if alert.id == alert_id)
-
-    def frames(self) -> list[TrackFrame]:
-        """Return the newest frame of each area heard of."""
-        return [arrived.frame for arrived in self._newest.values()]
+    @property
+    def zones(self) -> ZonesDrawn:
+        """The zones that hold now."""
+        return self._drawn
 
     def cameras(self, now: float) -> list[CameraReport]:
         """Return how each camera of the site is doing."""
@@ -334,31 +278,17 @@ class LiveState:
             ],
         )
 
+    def zone(self, name: str, now: float) -> ZoneReport:
+        """Return one zone and who is in it (KeyError if there is none such)."""
+        return self._build_zones(now).zones[self._drawn.ids[name]]
+
     def _build_zones(self, now: float) -> Zones:
         frames = [arrived.frame for arrived in self._present(now)]
         floor = np.array([name for frame in frames for name in frame.floor], dtype=object)
         x = np.array([value for frame in frames for value in frame.x], dtype=float)
         y = np.array([value for frame in frames for value in frame.y], dtype=float)
         unseen = np.array([state == "unseen" for frame in frames for state in frame.state], dtype=bool)
-        within = [
-            shapely.intersects_xy(polygon, x, y) & (floor == zone.floor)
-            for zone, polygon in zip(self._site.zones, self._polygons, strict=True)
-        ]
-        return Zones(
-            t=now,
-            zones=[
-                ZoneReport(
-                    id=zone.id,
-                    name=zone.name,
-                    floor=zone.floor,
-                    polygon=zone.polygon,
-                    alert_on=zone.alert_on,
-                    inside=int(np.sum(there & ~unseen)),
-                    unseen=int(np.sum(there & unseen)),
-                )
-                for zone, there in zip(self._site.zones, within, strict=True)
-            ],
-        )
+        return Zones(t=now, zones=self._drawn.reports(floor, x, y, unseen))
 
     def _camera(self, camera: str, area: str, now: float) -> CameraReport:
         held = self._statuses.get(camera)
@@ -390,6 +320,13 @@ class LiveState:
 
 def _age(now: float, origin: float) -> float:
     return round(max(0.0, now - origin), 3)
+
+
+def _heading(frame: TrackFrame, index: int, known: _Fix | None) -> tuple[float, float] | None:
+    vx, vy = frame.vx[index], frame.vy[index]
+    if vx * vx + vy * vy >= WALKS * WALKS:
+        return math.atan2(vy, vx), frame.t
+    return None if known is None else known.heading
 
 
 def _surer(frame: TrackFrame, index: int, than: int) -> bool:

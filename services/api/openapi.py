@@ -8,20 +8,26 @@ import msgspec
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from services.api.alerts.alert_replies import Acknowledged, Note
+from services.api.alerts.webhook_replies import WebhookDefinition, WebhookMessage
 from services.api.examples import EXAMPLES
 from services.api.learning_replies import RollBack
 from services.api.problems import MEDIA_TYPE, Problem
 from services.api.replies import CameraReport, TrackColumns
-from shared.messages import Alert
+from shared.messages import Alert, Occupancy, Revision
 
-__all__ = ["describe", "documented", "error", "errors"]
+__all__ = ["GONE", "UNCHANGED", "created", "describe", "documented", "drawn", "error", "errors"]
 
 _REFERENCE = "#/components/schemas/{name}"
 
+_TOLD = (Acknowledged, Alert, CameraReport, Occupancy, Revision, TrackColumns, WebhookMessage)
+"""What streams and webhooks tell."""
+
 DESCRIPTION = """\
-Who is where, in metres, now, and what the system learns. Read-only, but for orders to learning. Every path below `/v1`
-needs an API key: `Authorization: Bearer KEY` or `X-API-Key: KEY`. Times are seconds since the epoch (UTC), lengths
-metres, covariances `[xx, xy, yy]` in m². Errors are problem details (RFC 9457) that name field, found and allowed."""
+Who is where, in metres, now, what zones tell of it, what the system learns, and what staff draw and decide. Every path
+below `/v1` needs an API key or the token of a sign-in: `Authorization: Bearer KEY` or `X-API-Key: KEY`. Times are
+seconds since the epoch (UTC), lengths metres, covariances `[xx, xy, yy]` in m². Errors are problem details (RFC 9457)
+that name field, found and allowed."""
 
 
 def documented(body: type[msgspec.Struct], *statuses: int) -> dict[int | str, dict[str, Any]]:
@@ -33,9 +39,32 @@ def documented(body: type[msgspec.Struct], *statuses: int) -> dict[int | str, di
     return answers | errors(*statuses)
 
 
+def drawn(answers: dict[int | str, dict[str, Any]], example: dict[str, Any]) -> dict[int | str, dict[str, Any]]:
+    """Return the ``responses`` of a route that answers in GeoJSON, too, to who accepts that."""
+    answers[200]["content"]["application/geo+json"] = {"schema": {"type": "object"}, "example": example}
+    return answers
+
+
 def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """Return the error answers of a route that needs a key and may answer these ``statuses`` besides."""
-    return {status: error(status) for status in (401, 403, *statuses)}
+    return {status: error(status) for status in sorted({401, 403, 429, *statuses})}
+
+
+GONE: dict[int | str, dict[str, Any]] = {204: {"description": "It is gone."}}
+"""The answer of a route that takes something out."""
+
+
+def created(body: type[msgspec.Struct], *statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Return the ``responses`` of a route that makes a thing and answers 201 and ``body``, or one of these errors."""
+    answers = documented(body, *statuses)
+    answers[201] = answers.pop(200)
+    return answers
+
+
+UNCHANGED: dict[int | str, dict[str, Any]] = {
+    304: {"description": "If-None-Match names the ETag that the answer would have: nothing is new"}
+}
+"""The answer of a hot read to who has it already."""
 
 
 def error(status: int) -> dict[str, Any]:
@@ -45,10 +74,12 @@ def error(status: int) -> dict[str, Any]:
         403: "the key lacks the scope",
         404: "an id that names nothing, or nothing is known of it yet",
         409: "not possible now; detail says why",
+        410: "the event is no longer held; begin anew",
+        412: "somebody else changed it since it was read; the ETag says to what",
         413: "the body is too large",
         422: "a value out of range",
-        429: "too often; try again after Retry-After seconds",
-        503: "not now: too many streams, or who is asked does not run; try again after Retry-After seconds",
+        429: "too many requests; try again after Retry-After seconds",
+        503: "not now: too many streams, or what answers it is away; try again after Retry-After seconds",
     }[status]
     return {"description": what, "content": {MEDIA_TYPE: {"schema": {"$ref": _REFERENCE.format(name="Problem")}}}}
 
@@ -59,7 +90,7 @@ def describe(app: FastAPI) -> None:
     def document() -> dict[str, Any]:
         if app.openapi_schema is None:
             schema = get_openapi(title=app.title, version=app.version, description=DESCRIPTION, routes=app.routes)
-            structs = [*EXAMPLES, Alert, CameraReport, TrackColumns, Problem, RollBack]
+            structs = [*EXAMPLES, *_TOLD, Problem, RollBack, Note, WebhookDefinition]
             _, components = msgspec.json.schema_components(structs, ref_template=_REFERENCE)
             parts = schema.setdefault("components", {})
             parts["schemas"] = components

@@ -9,16 +9,18 @@ from typing import Literal
 
 import msgspec
 
-from shared.messages import Alert, Covariance, TrackState
+from shared.messages import Covariance, TrackState
+from shared.zones import ZoneRule
 
 __all__ = [
     "AccessPointView",
-    "Alerts",
     "AreaFreshness",
     "AreaView",
     "CameraReport",
     "CameraView",
     "Cameras",
+    "Device",
+    "Devices",
     "FloorView",
     "HealthReport",
     "ObstacleView",
@@ -68,6 +70,8 @@ class Positions(Reply, frozen=True, kw_only=True):
 
     t: float
     positions: list[Position]
+    next: str | None = None
+    """The ``cursor`` that asks for the next ones; null: these are all."""
 
 
 class Track(Reply, frozen=True, kw_only=True):
@@ -97,6 +101,31 @@ class Tracks(Reply, frozen=True, kw_only=True):
 
     t: float
     tracks: list[Track]
+    next: str | None = None
+    """As of positions."""
+
+
+class Device(Reply, frozen=True, kw_only=True):
+    """One device that is located, or was lately."""
+
+    device: str
+    state: Literal["confirmed", "coasting", "unseen", "lost"]
+    area: str
+    floor: str
+    zones: list[str]
+    """Where it is."""
+    probability: float
+    t: float
+    age: float
+
+
+class Devices(Reply, frozen=True, kw_only=True):
+    """The devices, by name."""
+
+    t: float
+    devices: list[Device]
+    next: str | None = None
+    """As of positions."""
 
 
 class TrackColumns(Reply, frozen=True, kw_only=True):
@@ -118,7 +147,7 @@ class TrackColumns(Reply, frozen=True, kw_only=True):
 
 
 class ZoneReport(Reply, frozen=True, kw_only=True):
-    """One zone and how many people's positions lie in it now.
+    """One zone and how many people's positions lie in it now; of a line nobody.
 
     ``inside`` counts whom cameras see; ``unseen`` devices that are followed by steps and radio alone, whose carriers a
     camera may see and count as well.
@@ -127,10 +156,17 @@ class ZoneReport(Reply, frozen=True, kw_only=True):
     id: str
     name: str
     floor: str
+    shape: Literal["area", "line"]
+    points: Ring
+    rules: list[ZoneRule]
     polygon: Ring
+    """The same as ``points``."""
     alert_on: list[Literal["enter", "exit"]]
+    """Which of the two the rules tell."""
     inside: int
     unseen: int
+    etag: str
+    """For ``If-Match`` of a change; of the zone's definition, not of the counts."""
 
 
 class Zones(Reply, frozen=True, kw_only=True):
@@ -138,13 +174,6 @@ class Zones(Reply, frozen=True, kw_only=True):
 
     t: float
     zones: list[ZoneReport]
-
-
-class Alerts(Reply, frozen=True, kw_only=True):
-    """Alerts, newest first."""
-
-    t: float
-    alerts: list[Alert]
 
 
 class CameraReport(Reply, frozen=True, kw_only=True):
@@ -243,12 +272,13 @@ class AccessPointView(Reply, frozen=True, kw_only=True):
 
 
 class ZoneView(Reply, frozen=True, kw_only=True):
-    """A polygon with a name."""
+    """A polygon, or a line, with a name."""
 
     id: str
     name: str
     floor: str
     polygon: Ring
+    shape: Literal["area", "line"] = "area"
 
 
 class SiteView(Reply, frozen=True, kw_only=True):

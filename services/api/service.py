@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
+from collections import OrderedDict
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
@@ -12,28 +13,33 @@ import msgspec
 import structlog
 from fastapi import FastAPI
 
+from services.api.admin.administration import Administration
+from services.api.alerts.inbox import Told
+from services.api.alerts.office import AlertOffice
 from services.api.app import create_app
 from services.api.erasures import ErasureBoard
+from services.api.event_log import EventLog
 from services.api.health_report import Presence, health_report
 from services.api.history_link import HistoryLink
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
 from services.api.replies import HealthReport
 from services.api.settings import DEMO_KEY, ApiSettings
-from services.api.site_view import site_view
-from services.api.stream import Hub, alert_event, camera_event, revision_event
-from shared.bus import Bus, Delivery
+from services.api.stream import Hub
+from shared.bus import Bus, Delivery, Publisher
 from shared.http_server import serve
-from shared.messages import Alert, CameraStatus, Erasure, ErasureDone, Message, Revision, TrackFrame
+from shared.messages import Alert, CameraStatus, Erasure, ErasureDone, Message, Occupancy, Revision, TrackFrame
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
+from shared.zones import ZoneSet
 
 __all__ = ["ApiService"]
 
 log = structlog.get_logger(__name__)
 
 SHORTEST_KEY = 16
+ACKNOWLEDGED_KEPT = 1000
 
 
 class ApiService(Service[ApiSettings]):
@@ -44,14 +50,19 @@ class ApiService(Service[ApiSettings]):
 
     def __init__(self, settings: ApiSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
-        self._live = LiveState(
-            site, settings.positions_kept, settings.tracks_kept, settings.alerts_kept, started=time.time()
-        )
-        self._hub = Hub(settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
+        self._live = LiveState(site, settings.positions_kept, settings.tracks_kept)
+        # Ids go on above those of the process before: nobody makes a million events a second.
+        events = EventLog(int(time.time() * 1e6), settings.stream_events, int(settings.stream_megabytes * 2**20))
+        self._hub = Hub(events, settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
+        self._alerts = AlertOffice(settings, site, self._tell_of_alerts, self._acknowledge_erasure)
+        self._acknowledged: OrderedDict[str, Publisher[ErasureDone]] = OrderedDict()
         self._presence = Presence()
         self._told: list[str] = []
         self._learning = LearningLink(self.keys, self._ask_once)
         self._erasures = ErasureBoard()
+        self._admin = Administration.open(
+            settings, site, self._live, bus.publisher(self.keys.zones(), ZoneSet, cached=True)
+        )
         self._connected = bus.connected
         self._inbox = bus.inbox(capacity=10_000)
         self._strangers: set[str] = set()
@@ -79,23 +90,27 @@ class ApiService(Service[ApiSettings]):
         inbox.subscribe(self.keys.tracks(), TrackFrame, newest=True)
         inbox.subscribe(self.keys.revisions(), Revision)
         inbox.subscribe(self.keys.alert(), Alert, cached=True)
+        inbox.subscribe(self.keys.occupancy(), Occupancy, newest=True)
         inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
         inbox.subscribe(self.keys.erased(), ErasureDone, cached=True)
         inbox.subscribe(self.keys.camera_status(), CameraStatus, cached=True)
         app = create_app(
             self.settings,
             self.site,
-            msgspec.json.encode(site_view(self.site)),
             self._live,
             self._hub,
             self._health_report,
             self._learning,
             HistoryLink(self.keys, self._ask_once),
             self._erasures,
+            self._admin,
+            self._alerts,
             self._lifespan,
             self._ask_once,
         )
-        serve(app, self.settings.api_host, self.settings.api_port, self.stopping)
+        settings = self.settings
+        serve(app, settings.api_host, settings.api_port, self.stopping, stalled_after=2.0 * settings.stream_patience)
+        self._alerts.close()
 
     def stop(self) -> None:
         """Stop, and do not wait for a message that may not come."""
@@ -108,14 +123,18 @@ class ApiService(Service[ApiSettings]):
         loop = asyncio.get_running_loop()
         threads = [
             threading.Thread(target=work, args=(loop,), name=name, daemon=True)
-            for name, work in (("bus", self._read_bus), ("presence", self._watch))
+            for name, work in (("bus", self._read_bus), ("presence", self._watch), ("books", self._keep_books))
         ]
+        threads += self._alerts.threads(self.stopping)
         for thread in threads:
             thread.start()
         self.health.ready.set()
         yield
         for thread in threads:
             await asyncio.to_thread(thread.join, 1.0)
+        last = threading.Thread(target=self._keep, name="last books", daemon=True)
+        last.start()
+        await asyncio.to_thread(last.join, 1.0)
 
     def _read_bus(self, loop: asyncio.AbstractEventLoop) -> None:
         while not self.stopping.is_set():
@@ -132,6 +151,19 @@ class ApiService(Service[ApiSettings]):
             alive = self.bus.present(self.keys.alive()) if connected else []
             told = self._ask_health() if connected else []
             loop.call_soon_threadsafe(self._note, connected, alive, told)
+
+    def _keep_books(self, _: asyncio.AbstractEventLoop) -> None:
+        """Write down once a second who looked whom up; a database that hangs holds up nothing else."""
+        while not self.stopping.wait(1.0):
+            self._keep()
+
+    def _keep(self) -> None:
+        """Write down what waits, and say so when that cannot be."""
+        reason = self._admin.keep()
+        if reason is None:
+            self.health.well("database")
+        else:
+            self.health.degraded("database", f"{reason}: nothing can be changed, and nobody looked up for long")
 
     def _ask_once(self, key: str, timeout: float, payload: bytes | None) -> bytes | None:
         """The first answer to a query, None if nobody answers."""
@@ -172,27 +204,47 @@ class ApiService(Service[ApiSettings]):
                 else:
                     self._tell_once(f"tracks of area {message.area}")
             elif isinstance(message, Alert):
-                if self._live.take_alert(message, delivery.trace.sent):
-                    told = self._live.erased.from_alert(message)
-                    self._hub.send("alert", message.zone, message.area, alert_event(told))
+                told = self._live.erased.from_alert(message)
+                if self._alerts.desk.is_new(told):
+                    event = self._hub.send("alert", told.id, told, told.area, told.zone)
+                    self._alerts.desk.write_down(Told(told, delivery.trace.sent, event))
             elif isinstance(message, Revision):
                 told_anew = self._live.erased.from_revision(message)
                 if told_anew.device:
-                    self._hub.send("revision", message.area, message.area, revision_event(told_anew))
+                    self._hub.send("revision", message.area, told_anew, message.area)
+            elif isinstance(message, Occupancy):
+                self._hub.send("occupancy", "", message)
             elif isinstance(message, ErasureDone):
                 self._erasures.take(message)
             elif isinstance(message, Erasure):
                 self._erasures.take(message)
                 self._live.erase(message.device)
+                self._admin.erase(message.device)
                 self._learning.forget()
-                self._hub.drop("revision")
+                self._alerts.desk.erase(message.device)
+                self._hub.erase(message.device)
             elif isinstance(message, CameraStatus):
                 now = time.time()
                 if self._live.take_status(message, now):
                     report = self._live.camera(message.camera, now)
-                    self._hub.send("camera", report.camera, report.area, camera_event(report))
+                    self._hub.send("camera", report.camera, report, report.area)
                 else:
                     self._tell_once(f"status of camera {message.camera}")
+
+    def _tell_of_alerts(self, reason: str | None) -> None:
+        if reason is None:
+            self.health.well("alerts")
+        else:
+            self.health.degraded("alerts", f"alerts are told but not written down: {reason}")
+
+    def _acknowledge_erasure(self, device: str) -> None:
+        """Say that no alert names a device any more; the newest ones are kept for whoever asks later."""
+        known = self._acknowledged.pop(device, None)
+        publisher = known or self.bus.publisher(self.keys.erased(device, self.name), ErasureDone, cached=True)
+        publisher.publish(ErasureDone(t=time.time(), device=device, service=self.name))
+        self._acknowledged[device] = publisher
+        if len(self._acknowledged) > ACKNOWLEDGED_KEPT:
+            self._acknowledged.popitem(last=False)[1].close()
 
     def _tell_once(self, what: str) -> None:
         """Log what is left out, once each; bounded, because names come from outside."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from ipaddress import IPv4Network, IPv6Network
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SecretStr, field_validator
@@ -10,18 +12,33 @@ from pydantic_settings import NoDecode
 
 from shared.settings import ServiceSettings
 
-__all__ = ["ALL_SCOPES", "DEMO_KEY", "READ_SCOPES", "ApiKey", "ApiSettings", "Scope"]
+__all__ = ["ALL_SCOPES", "DEMO_KEY", "READ_SCOPES", "ApiKey", "ApiSettings", "Scope", "default_api_database_url"]
 
 DEMO_KEY = "demo-api-key"
+DEFAULT_DATABASE = "sqlite:///atrium-api.db"
 
-Scope = Literal["positions", "alerts", "site", "health", "learning", "learning-admin", "stills", "setup"]
+Scope = Literal[
+    "positions",
+    "alerts",
+    "site",
+    "health",
+    "learning",
+    "learning-admin",
+    "zones-admin",
+    "accounts",
+    "audit",
+    "acknowledge",
+    "webhooks",
+    "stills",
+    "setup",
+]
 """What a key may read: positions and tracks; alerts; the site, its zones and cameras; health; what is learned. And what
-it may do: ``learning-admin`` rolls models back, freezes learning, takes models out and brings them in; ``stills`` sees
-pictures of cameras; ``setup`` saves calibrations and places of access points."""
+it may do: ``learning-admin`` rolls models back, freezes learning, takes models out and brings them in; ``zones-admin``
+draws zones and exhibits; ``accounts`` issues keys and lets people in; ``audit`` reads who did what; ``acknowledge``
+notes who looked at an alert; ``webhooks`` says where alerts are sent; ``stills``
+sees pictures of cameras; ``setup`` saves calibrations and places of access points."""
 ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
-NAMED_SCOPES: frozenset[Scope] = frozenset({"learning-admin", "stills", "setup"})
-"""What a key has only if it names it."""
-READ_SCOPES: tuple[Scope, ...] = tuple(scope for scope in ALL_SCOPES if scope not in NAMED_SCOPES)
+READ_SCOPES: tuple[Scope, ...] = ("positions", "alerts", "site", "health", "learning")
 
 
 class ApiKey(BaseModel):
@@ -58,6 +75,12 @@ def _read_keys(value: Any) -> Any:
     return value
 
 
+def default_api_database_url() -> str:
+    """Return ``ATRIUM_API_DATABASE_URL``, else ``ATRIUM_DATABASE_URL``, else a file in the working directory."""
+    variables = ("ATRIUM_API_DATABASE_URL", "ATRIUM_DATABASE_URL")
+    return next((url for name in variables if (url := os.environ.get(name))), DEFAULT_DATABASE)
+
+
 class ApiSettings(ServiceSettings):
     """Settings of the HTTP interface for staff software."""
 
@@ -69,13 +92,43 @@ class ApiSettings(ServiceSettings):
         (ApiKey(name="demo", key=SecretStr(DEMO_KEY), scopes=ALL_SCOPES),),
         description='keys of the staff: KEY[,KEY] (may read everything) or JSON [{"name","key","scopes"}]',
     )
+    api_database_url: SecretStr = Field(
+        default_factory=lambda: SecretStr(default_api_database_url()),
+        description="sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME; the gateway's may be shared",
+    )
+    key_rate: float = Field(
+        50.0, gt=0, le=100_000, description="requests per second of a key that is issued, unless it says otherwise"
+    )
+    session_rate: float = Field(100.0, gt=0, le=100_000, description="requests per second of a sign-in of staff")
+    session_hours: float = Field(12.0, gt=0, le=720, description="hours until staff have to sign in again")
+    audit_days: float = Field(365.0, gt=0, le=36500, description="days the audit log is kept")
     cors_origins: list[str] = Field([], description="web origins whose pages may call the API; none by default")
     positions_kept: float = Field(120.0, gt=0, le=86400, description="seconds a device's last known position is told")
     tracks_kept: float = Field(10.0, gt=0, le=3600, description="seconds an area's last tracks are told")
-    alerts_kept: int = Field(10_000, ge=1, le=1_000_000, description="alerts held in memory, oldest dropped first")
     stream_rate: float = Field(10.0, gt=0, le=100, description="track events per second and area on the stream")
     stream_keep_alive: float = Field(10.0, gt=0, le=300, description="seconds between comments on a silent stream")
     stream_readers: int = Field(1000, ge=1, le=100_000, description="streams open at once; more are answered 503")
+    stream_events: int = Field(100_000, ge=10, le=10_000_000, description="newest events held to resume from")
+    stream_megabytes: float = Field(64.0, gt=0, le=4096, description="memory that they may take")
+    stream_patience: float = Field(
+        30.0, gt=0, le=600, description="seconds after which a client that reads nothing is dropped"
+    )
+
+    alerts_kept: int = Field(100_000, ge=1, le=10_000_000, description="alerts held, those that came first go first")
+    alert_days: float = Field(30.0, gt=0, le=3660, description="days that alerts are held")
+    webhook_networks: list[IPv4Network | IPv6Network] = Field(
+        [], description="private networks that webhooks may be sent to all the same, such as 10.1.2.0/24"
+    )
+    webhooks_most: int = Field(100, ge=0, le=1000, description="webhooks at once")
+    webhook_timeout: float = Field(10.0, gt=0, le=120, description="seconds a receiver may take")
+    webhook_attempts: int = Field(12, ge=1, le=100, description="attempts until an alert is a dead letter")
+    webhook_first_pause: float = Field(
+        5.0, gt=0, le=3600, description="seconds before the second attempt, doubled before each that follows"
+    )
+    webhook_longest_pause: float = Field(3600.0, gt=0, le=86400, description="seconds between two attempts at most")
+    webhook_waiting: int = Field(10_000, ge=1, le=1_000_000, description="alerts that wait for one webhook at most")
+    webhook_dead_days: float = Field(7.0, gt=0, le=365, description="days that dead letters are held")
+
     stale_after: float = Field(3.0, gt=0, le=3600, description="seconds without tracks until health tells of it")
     expected_services: list[str] = Field(
         ["camera", "gateway", "fusion", "geofence", "learning", "history"],

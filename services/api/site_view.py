@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from services.api.replies import (
     AccessPointView,
     AreaView,
@@ -13,12 +15,13 @@ from services.api.replies import (
 )
 from shared.site import Camera, Site
 from shared.site.footprint import footprint
+from shared.zones import ZoneDefinition
 
-__all__ = ["site_view"]
+__all__ = ["site_view", "zone_view"]
 
 
-def site_view(site: Site) -> SiteView:
-    """Return the part of the site file that a map shows."""
+def site_view(site: Site, zones: Sequence[ZoneDefinition]) -> SiteView:
+    """Return the part of the site file that a map shows, with the zones as staff keep them."""
     return SiteView(
         site=site.site,
         name=site.name,
@@ -40,8 +43,13 @@ def site_view(site: Site) -> SiteView:
             AccessPointView(id=point.id, floor=point.floor, position=point.position, kind=point.kind)
             for point in site.access_points
         ],
-        zones=[ZoneView(id=zone.id, name=zone.name, floor=zone.floor, polygon=zone.polygon) for zone in site.zones],
+        zones=[zone_view(zone) for zone in zones],
     )
+
+
+def zone_view(zone: ZoneDefinition) -> ZoneView:
+    """Return what a map shows of a zone."""
+    return ZoneView(id=zone.id, name=zone.name, floor=zone.floor, polygon=zone.points, shape=zone.shape)
 
 
 def _camera_view(site: Site, camera: Camera) -> CameraView:

@@ -1,37 +1,41 @@
-"""Server-sent events: each event is encoded once and shared by all readers; a slow reader gets the newest, not all.
+"""Streams over the event log: each event is encoded once and shared by all readers, and no reader holds a queue.
 
-Lives in the HTTP event loop. Tracks and camera statuses are state: a reader that falls behind finds only the newest of
-each area or camera. Alerts are events: they queue, up to a bound, and a reader that reconnects with ``Last-Event-ID``
-is told is told what it missed. Revisions queue like them and are not told again.
+Lives in the HTTP event loop. A reader is a place in the log. One of the present (``lossless`` false) that falls behind
+is told the newest of each area, camera or zone count only, but every alert and revision; a lossless one is told
+everything in order. One whose place has left the log, or that takes nothing for too long, is dropped and counted.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import itertools
 import math
-from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
 
 import msgspec
 from prometheus_client import Counter, Gauge
 
-from services.api.replies import CameraReport, TrackColumns
-from shared.messages import Alert, Revision, TrackFrame
+from services.api.event_log import STATE, Entry, EventLog, Framing
+from services.api.event_views import of_device, of_zone
+from services.api.replies import TrackColumns
+from shared.erased import Erased
+from shared.messages import TrackFrame
 
-__all__ = ["Hub", "Reader", "alert_event", "camera_event", "revision_event", "tracks_event"]
+__all__ = ["DROPPED", "Hub", "Reader", "Selection", "track_columns"]
 
 READERS = Gauge("atrium_stream_readers", "Streams open now")
-SKIPPED = Counter("atrium_stream_skipped_total", "Events a slow reader did not get", ["event"])
+SKIPPED = Counter("atrium_stream_skipped_total", "Events a slow reader did not get, being told newer ones", ["event"])
+DROPPED = Counter("atrium_stream_dropped_total", "Streams ended because the client read too slowly", ["reason"])
+HELD = Gauge("atrium_stream_log_bytes", "Memory the event log may take")
 
-ALERTS_WAITING = 1000
-"""Alerts that wait for a slow reader, and so many revisions."""
+LARGEST_SEND = 1 << 20
+"""Bytes after which a reader is handed what there is so far."""
 
 
-def tracks_event(frame: TrackFrame) -> bytes:
-    """Return the ``tracks`` event of one frame."""
-    columns = TrackColumns(
+def track_columns(frame: TrackFrame) -> TrackColumns:
+    """Return a frame as the stream tells it."""
+    return TrackColumns(
         area=frame.area,
         t=frame.t,
         floor=frame.floor,
@@ -45,104 +49,139 @@ def tracks_event(frame: TrackFrame) -> bytes:
         probability=frame.probability,
         accuracy=[_worst_sigma(*covariance) for covariance in frame.covariance],
     )
-    return b"event: tracks\ndata: " + msgspec.json.encode(columns) + b"\n\n"
 
 
-def revision_event(revision: Revision) -> bytes:
-    """Return the ``revision`` event: what is now thought of some devices' last seconds."""
-    return b"event: revision\ndata: " + msgspec.json.encode(revision) + b"\n\n"
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What a client wants to be told: these events; of one area, zone or device, where those are not None."""
 
+    events: frozenset[str]
+    area: str | None = None
+    zone: str | None = None
+    device: str | None = None
 
-def alert_event(alert: Alert) -> bytes:
-    """Return the ``alert`` event; its id is the alert's, so that a reader can resume after it."""
-    return b"event: alert\nid: " + alert.id.encode() + b"\ndata: " + msgspec.json.encode(alert) + b"\n\n"
-
-
-def camera_event(report: CameraReport) -> bytes:
-    """Return the ``camera`` event of one status."""
-    return b"event: camera\ndata: " + msgspec.json.encode(report) + b"\n\n"
+    def framed(self, entry: Entry, framing: Framing) -> bytes | None:
+        """Return what is wanted of an event, as it travels; None: nothing."""
+        payload = entry.payload
+        if entry.event not in self.events or payload is None or (self.area is not None and entry.area != self.area):
+            return None
+        if self.zone is None and self.device is None:
+            return entry.framed(framing)
+        part: bytes | None = payload
+        if self.zone is not None:
+            part = of_zone(entry.event, payload, entry.zone, self.zone)
+        if part is not None and self.device is not None:
+            part = of_device(entry.event, part, self.device)
+        if part is None:
+            return None
+        return entry.framed(framing) if part is payload else framing(entry.id, entry.event, part)
 
 
 class Reader:
-    """What one client has still to be sent; never more than one event per area and camera and a bound of alerts."""
+    """One client's place in the log.
 
-    def __init__(self, keep_alive: float, events: frozenset[str], area: str | None) -> None:
+    Args:
+        log: what it reads.
+        selection: what it wants.
+        framing: how events travel to it.
+        after: id of the event it has read last.
+        lossless: whether it is told everything, or of state the newest only.
+        keep_alive: seconds of silence after which it is told that there is nothing.
+    """
+
+    def __init__(
+        self, log: EventLog, selection: Selection, framing: Framing, after: int, lossless: bool, keep_alive: float
+    ) -> None:
+        self._log = log
+        self._selection = selection
+        self._framing = framing
+        self._after = after
+        self._lossless = lossless
         self._keep_alive = keep_alive
-        self._events = events
-        self._area = area
-        self._newest: dict[tuple[str, str], bytes] = {}
-        self._waiting: dict[str, deque[bytes]] = {"alert": deque(), "revision": deque()}
-        """Events that must not replace each other."""
         self._changed = asyncio.Event()
         self._closed = False
 
-    def offer(self, event: str, subject: str, area: str, payload: bytes) -> None:
-        """Queue one event for this client, in place of an older one of the same subject where that is state."""
-        if event not in self._events or (self._area is not None and area != self._area):
-            return
-        if event in self._waiting:
-            queue = self._waiting[event]
-            if len(queue) >= ALERTS_WAITING:
-                queue.popleft()
-                SKIPPED.labels(event).inc()
-            queue.append(payload)
-        else:
-            if self._newest.pop((event, subject), None) is not None:
-                SKIPPED.labels(event).inc()
-            self._newest[event, subject] = payload
+    def wake(self) -> None:
+        """There is something new."""
         self._changed.set()
-
-    def drop(self, event: str) -> None:
-        """Drop what waits of one kind of queued event."""
-        self._waiting[event].clear()
 
     def close(self) -> None:
         """End the stream after what is being sent."""
         self._closed = True
         self._changed.set()
 
-    async def events(self) -> AsyncIterator[bytes]:
-        """Yield what is to be sent, a comment when there was nothing for a while, until closed."""
-        yield b": atrium stream\nretry: 1000\n\n"
+    async def chunks(self) -> AsyncIterator[bytes]:
+        """Yield events as they travel, nothing (``b""``) after a silence, until closed or overtaken by the log."""
+        loop = asyncio.get_running_loop()
+        told = loop.time()
         while not self._closed:
-            if not self._changed.is_set():
-                with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(self._keep_alive):
-                        await self._changed.wait()
             self._changed.clear()
-            waiting = [*itertools.chain(*self._waiting.values()), *self._newest.values()]
-            for queue in self._waiting.values():
-                queue.clear()
-            self._newest.clear()
-            yield b"".join(waiting) if waiting else b": still here\n\n"
+            if self._log.refusal(self._after) is not None:
+                DROPPED.labels("overtaken").inc()
+                return
+            chunk = self._next()
+            if not chunk and self._after == self._log.newest:
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout_at(told + self._keep_alive):
+                        await self._changed.wait()
+                if loop.time() < told + self._keep_alive:
+                    continue
+            yield chunk
+            told = loop.time()
+
+    def _next(self) -> bytes:
+        """Return what comes next, up to a size, and go on behind it."""
+        told: dict[object, bytes] = {}
+        size = 0
+        for entry in self._log.after(self._after):
+            self._after = entry.id
+            framed = self._selection.framed(entry, self._framing)
+            if framed is None:
+                continue
+            key: object = entry.id
+            if entry.event in STATE and not self._lossless:
+                key = (entry.event, entry.subject)
+                older = told.pop(key, b"")
+                if older:
+                    size -= len(older)
+                    SKIPPED.labels(entry.event).inc()
+            told[key] = framed
+            size += len(framed)
+            if size >= LARGEST_SEND:
+                break
+        return b"".join(told.values())
 
 
 class Hub:
-    """Hands events to all readers, tracks of each area at no more than ``rate`` per second.
+    """Writes the log, tracks of each area at no more than ``rate`` per second, and wakes all readers.
 
     Args:
+        log: what is written.
         rate: ``tracks`` events per second and area.
-        keep_alive: seconds of silence after which a comment is sent.
+        keep_alive: seconds of silence after which a reader is told that there is nothing.
         most: readers at once.
     """
 
-    def __init__(self, rate: float, keep_alive: float, most: int) -> None:
+    def __init__(self, log: EventLog, rate: float, keep_alive: float, most: int) -> None:
+        self.log = log
         self._interval = 1.0 / rate
         self._keep_alive = keep_alive
         self._most = most
         self._readers: set[Reader] = set()
         self._next: dict[str, float] = {}
-        self._held: dict[str, Callable[[], bytes]] = {}
+        self._held: dict[str, TrackFrame] = {}
         self._closed = False
+        HELD.set_function(lambda: float(log.bytes))
 
     @property
     def full(self) -> bool:
         """Whether no further reader is taken now."""
         return self._closed or len(self._readers) >= self._most
 
-    def join(self, events: frozenset[str], area: str | None) -> Reader:
-        """Return a new reader of these events, of one area or of all."""
-        reader = Reader(self._keep_alive, events, area)
+    def join(self, selection: Selection, framing: Framing, after: int | None = None, lossless: bool = False) -> Reader:
+        """Return a new reader of what comes after event ``after``, None: from now on."""
+        behind = self.log.newest if after is None else after
+        reader = Reader(self.log, selection, framing, behind, lossless, self._keep_alive)
         self._readers.add(reader)
         READERS.inc()
         return reader
@@ -154,12 +193,12 @@ class Hub:
             READERS.dec()
 
     def tracks(self, frame: TrackFrame) -> None:
-        """Send a frame now, or when its area's turn comes, unless a newer one is there by then."""
+        """Tell a frame now, or when its area's turn comes, unless a newer one is there by then."""
         loop = asyncio.get_running_loop()
         now = loop.time()
         due = self._next.get(frame.area, now)
         waiting = frame.area in self._held
-        self._held[frame.area] = lambda: tracks_event(frame)
+        self._held[frame.area] = frame
         if waiting:
             return
         if due <= now:
@@ -167,15 +206,21 @@ class Hub:
         else:
             loop.call_at(due, self._send_tracks, frame.area)
 
-    def send(self, event: str, subject: str, area: str, payload: bytes) -> None:
-        """Hand one event to every reader."""
+    def send(
+        self, event: str, subject: str, message: msgspec.Struct, area: str | None = None, zone: str | None = None
+    ) -> int:
+        """Write one event, wake every reader, and return its id."""
+        entry = self.log.append(event, subject, area, zone, msgspec.json.encode(message))
         for reader in self._readers:
-            reader.offer(event, subject, area, payload)
+            reader.wake()
+        return entry.id
 
-    def drop(self, event: str) -> None:
-        """Drop what of one kind of queued event waits for readers: somebody in it withdrew consent."""
-        for reader in self._readers:
-            reader.drop(event)
+    def erase(self, device: str) -> None:
+        """Take a device whose consent was withdrawn out of what is not yet sent."""
+        self.log.erase(device)
+        erased = Erased()
+        erased.add(device)
+        self._held = {area: erased.from_tracks(frame) for area, frame in self._held.items()}
 
     def close(self) -> None:
         """End all streams: the process is stopping."""
@@ -184,13 +229,12 @@ class Hub:
             reader.close()
 
     def _send_tracks(self, area: str) -> None:
-        encode = self._held.pop(area, None)
-        if encode is None:
+        frame = self._held.pop(area, None)
+        if frame is None:
             return
         now = asyncio.get_running_loop().time()
         self._next[area] = max(self._next.get(area, now), now - self._interval) + self._interval
-        if self._readers:
-            self.send("tracks", area, area, encode())
+        self.send("tracks", area, track_columns(frame), area)
 
 
 def _worst_sigma(xx: float, xy: float, yy: float) -> float:

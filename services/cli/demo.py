@@ -176,6 +176,7 @@ class Demo:
 
     def _plan(self) -> tuple[list[ProcessSpec], list[ProcessSpec]]:
         database = self._folder / f"{self.site.site}.db"
+        kept = self._folder / f"{self.site.site}-api.db"
         models = self._folder / f"{self.site.site}-learning.db"
         past = self._folder / f"{self.site.site}-history"
         # For a fusion that is killed in mid-run; who was about in the demo before is nobody's business now.
@@ -213,7 +214,11 @@ class Demo:
                     "ATRIUM_HISTORY_SPOOL": str(past.with_name(past.name + "-spool")),
                 },
             ),
-            ("api", "services.api", {"ATRIUM_API_PORT": str(self.ports.api)}),
+            (
+                "api",
+                "services.api",
+                {"ATRIUM_API_PORT": str(self.ports.api), "ATRIUM_API_DATABASE_URL": f"sqlite:///{kept}"},
+            ),
         ]
         if self._dashboard:
             settings = {"ATRIUM_DASHBOARD_PORT": str(self.ports.dashboard), "ATRIUM_API_URL": self.api_url}

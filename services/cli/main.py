@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from services.cli import calibrate_lens as lens_command
-from services.cli import history, models
+from services.cli import history, models, staff
 from services.cli import replay as player
 from services.cli.demo import API_KEY, Demo, Ports, SetupWatch, find_site
 from services.cli.launcher import LauncherError
@@ -37,6 +37,7 @@ __all__ = ["app", "main"]
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="Who is where, in metres, now.")
 app.add_typer(models.app, name="models")
 app.add_typer(history.app, name="history")
+app.add_typer(staff.app, name="staff")
 console = Console(highlight=False)
 
 SiteOption = Annotated[str, typer.Option("--site", help="a shipped site's name, a site file, or its folder")]
@@ -215,10 +216,13 @@ def simulate(
 def migrate() -> None:
     """Bring the databases of all services up to date; run once before the services start.
 
-    ATRIUM_DATABASE_URL is the gateway's; ATRIUM_LEARNING_DATABASE_URL is learning's and ATRIUM_HISTORY_DATABASE_URL
-    history's, by default the same.
+    ATRIUM_DATABASE_URL is the gateway's; ATRIUM_LEARNING_DATABASE_URL is learning's, ATRIUM_HISTORY_DATABASE_URL
+    history's and ATRIUM_API_DATABASE_URL the API's, by default the same.
     """
     # Only this command needs the libraries of databases.
+    from services.api.admin.database import migrate as migrate_api
+    from services.api.alerts.database import migrate as migrate_alerts
+    from services.api.settings import default_api_database_url
     from services.gateway.devices.database import migrate as migrate_gateway
     from services.gateway.settings import default_database_url
     from services.history.database import migrate as migrate_history
@@ -230,6 +234,8 @@ def migrate() -> None:
         migrate_gateway(default_database_url())
         migrate_learning(default_learning_database_url())
         migrate_history(default_history_database_url())
+        migrate_api(default_api_database_url())
+        migrate_alerts(default_api_database_url())
     except ServiceError as error:
         console.print(f"[red]{escape(str(error))}[/red]")
         raise typer.Exit(1) from None

@@ -151,7 +151,8 @@ def test_reads_and_stream_show_what_is_on_the_bus(site: Site, project: Path, zen
         wait_until(
             lambda: [c for c in events.of("camera") if c["state"] == "degraded"], DEADLINE, "the camera's status"
         )
-        assert events.ids == ["a-1"]
+        assert events.ids == sorted(events.ids, key=int)
+        assert len(set(events.ids)) == len(events.ids)
         assert get(address, "/v1/cameras")["cameras"][0]["reason"] == "no picture for 5 s"  # type: ignore[index]
         health = get(address, "/v1/health")
         assert "camera hall-east: no picture for 5 s" in health["problems"]  # type: ignore[operator]
@@ -176,7 +177,7 @@ def test_a_late_joiner_gets_the_cached_alerts_and_can_resume(
             assert [a["id"] for a in polled] == ["a-2", "a-3"]  # type: ignore[attr-defined]
             events = Events(address, {"Last-Event-ID": "a-2"})
             wait_until(lambda: len(events.of("alert")) == 2, DEADLINE, "the alerts missed")
-            assert events.ids == ["a-3", "a-4"]
+            assert [told["id"] for told in events.of("alert")] == ["a-3", "a-4"]
             events.close()
 
 
@@ -246,7 +247,7 @@ def test_a_wrong_key_is_refused_everywhere(site: Site, project: Path, zenoh_rout
     keys = '[{"name": "guide", "key": "guide-app-key-0001", "scopes": ["positions"]}, "demo-api-key"]'
     with running(site, project, zenoh_router, free_port, api_keys=keys) as address:
         paths = list(httpx.get(f"{address}/openapi.json").json()["paths"])
-        assert len(paths) == 29
+        assert len(paths) >= 40
         with httpx.Client(base_url=address) as stranger:
             for path in [*paths, "/v1/nothing", "/v2"]:
                 for headers in (
@@ -310,20 +311,21 @@ def test_a_reader_that_stops_reading_costs_nothing_and_finds_the_newest(
         client.connect(("127.0.0.1", free_port))
         client.sendall(b"GET /v1/stream HTTP/1.1\r\nHost: x\r\nX-API-Key: demo-api-key\r\n\r\n")
         tracks = bus.publisher(KEYS.tracks("hall"), TrackFrame)
-        number = 0
+        number, skipped = 0, SKIPPED.labels("tracks")._value.get()
 
         def crowd() -> bool:
             nonlocal number
             number += 1
             tracks.publish(frame(float(number), chunk=number, people=1000))
-            return SKIPPED.labels("tracks")._value.get() > 20
+            return number > 100
 
-        wait_until(crowd, DEADLINE, "events to be skipped for the reader that does not read")
+        wait_until(crowd, DEADLINE, "more events than wait on the way to the reader that does not read")
         client.settimeout(DEADLINE)
         last = f'"t":{number}.0,'.encode()
         seen = b""
         while last not in seen:
             seen = seen[-40:] + client.recv(1 << 20)
+        assert SKIPPED.labels("tracks")._value.get() > skipped + 20
 
 
 def test_streams_that_are_left_make_room_for_others(

@@ -11,7 +11,6 @@ from fastapi import APIRouter, Request, Response
 from prometheus_client import Counter
 
 from services.gateway.devices.enrolment import key_of, qr_svg, qr_text, same_key
-from services.gateway.devices.rate_limiter import RateLimiter
 from services.gateway.devices.storage import Newcomer, TransmitterTakenError
 from services.gateway.devices.tokens import SCOPES, TokenSigner
 from services.gateway.devices.transmitters import FORMS, can_be_enrolled
@@ -20,6 +19,7 @@ from services.gateway.protocol import Consent, Enrolled, Enrolment, ErrorReply, 
 from services.gateway.web.gateway import Gateway
 from services.gateway.web.openapi import answers, takes
 from services.gateway.web.replies import respond
+from shared.rate_limiter import RateLimiter
 
 __all__ = ["enrolment_routes"]
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from services.gateway.devices.rate_limiter import RateLimiter
 from services.gateway.devices.storage import Registered
 from services.gateway.errors import RequestError
 from services.gateway.phones.phone import NATIVE
 from services.gateway.phones.phone_book import busy
 from services.gateway.protocol import Batch, BatchReply, FieldError
 from services.gateway.web.gateway import Gateway
+from shared.rate_limiter import RateLimiter
 
 __all__ = ["Intake"]
 

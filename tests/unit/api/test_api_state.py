@@ -1,4 +1,4 @@
-"""What the API tells of tracks, devices and alerts: ages, bounds, and which of two claims counts."""
+"""What the API tells of tracks and devices: ages, bounds, and which of two claims counts."""
 
 import json
 from pathlib import Path
@@ -47,7 +47,7 @@ def alert(number: int, zone: str = "entrance") -> Alert:
 @pytest.fixture
 def live(project: Path) -> LiveState:
     site = load_site(project / "deploy/sites/hall/site.yaml")
-    return LiveState(site, positions_kept=60.0, tracks_kept=5.0, alerts_kept=3)
+    return LiveState(site, positions_kept=60.0, tracks_kept=5.0)
 
 
 def positions(live: LiveState, now: float) -> list[dict[str, object]]:
@@ -111,38 +111,6 @@ def test_old_tracks_are_no_longer_shown_nor_counted(live: LiveState) -> None:
     assert json.loads(live.tracks_json(None, 106.0))["tracks"] == []
 
 
-def test_alerts_are_told_once_newest_first_and_the_oldest_give_way(live: LiveState) -> None:
-    assert [live.take_alert(alert(n)) for n in (1, 3, 2, 2, 4)] == [True, True, True, False, True]
-    assert [a.t for a in live.alerts(0.0, None, None, 10).alerts] == [4.0, 3.0, 2.0]
-    assert not live.take_alert(alert(0)), "older than all that are held"
-    assert [a.t for a in live.alerts(0.0, 2.0, None, 1).alerts] == [4.0]
-    assert live.alerts(0.0, None, "model-corner", 10).alerts == []
-    assert [a.t for a in live.alerts_after("a-2")] == [4.0], "the others came before it"
-    assert live.alerts_after("forgotten") == []
-
-
-def test_an_alert_told_late_is_missed_by_nobody_who_resumes_or_polls(live: LiveState) -> None:
-    live.take_alert(alert(10))
-    live.take_alert(alert(8))  # crossed earlier, certain later
-    live.take_alert(alert(9, "model-corner"))
-    assert [a.id for a in live.alerts_after("a-10")] == ["a-8", "a-9"]
-    assert [a.id for a in live.alerts_from(0.0, "a-10", None, None, 10).alerts] == ["a-8", "a-9"]
-    assert [a.id for a in live.alerts_from(0.0, "", None, None, 2).alerts] == ["a-10", "a-8"]
-    assert [a.id for a in live.alerts_from(0.0, "a-10", 8.5, "model-corner", 10).alerts] == ["a-9"]
-    assert live.alerts_from(0.0, "a-9", None, None, 10).alerts == []
-    assert [a.id for a in live.alerts(0.0, 8.5, None, 10).alerts] == ["a-10", "a-9"], "since is by measured time"
-    with pytest.raises(KeyError):
-        live.alerts_from(0.0, "forgotten", None, None, 10)
-
-
-def test_after_a_restart_alerts_from_the_caches_are_in_the_order_they_were_sent(project: Path) -> None:
-    site = load_site(project / "deploy/sites/hall/site.yaml")
-    live = LiveState(site, positions_kept=60.0, tracks_kept=5.0, alerts_kept=3, started=100.0)
-    for number, sent in ((1, 91.0), (3, 93.0), (7, 107.0), (2, 92.0), (6, 106.0)):  # each zone's cache by itself
-        live.take_alert(alert(number), sent)
-    assert [a.id for a in live.alerts_from(0.0, "", None, None, 10).alerts] == ["a-3", "a-7", "a-6"]
-
-
 def test_a_camera_of_another_site_and_an_old_status_are_left_out(live: LiveState) -> None:
     assert live.camera("hall-east", 0.0).state == "unknown"
     assert live.take_status(CameraStatus(t=2.0, camera="hall-east", state="ok"), 10.0)
@@ -158,15 +126,13 @@ def test_a_camera_whose_clock_was_set_back_is_heard_at_once(live: LiveState) -> 
     assert (live.camera("hall-east", 12.0).t, live.camera("hall-east", 12.0).age) == (401.0, 0.0)
 
 
-def test_a_withdrawn_device_is_gone_at_once_from_positions_tracks_and_past_alerts(live: LiveState) -> None:
+def test_a_withdrawn_device_is_gone_at_once_from_positions_and_tracks(live: LiveState) -> None:
     live.take_tracks(frame(50.0, ["p", "q"]), origin=100.0)
-    live.take_alert(msgspec.structs.replace(alert(1), device="p"))
     assert len(positions(live, 100.0)) == 2
     live.erase("p")
     assert [position["device"] for position in positions(live, 100.0)] == ["q"]
     assert b'"p"' not in live.tracks_json(None, 100.0)
     assert live.position("p", 100.0) is None
-    assert live.alerts(100.0, None, None, 10).alerts[0].device is None
     live.take_tracks(frame(50.1, ["p", "q"]), origin=100.1)  # a frame that was still under way
     assert [position["device"] for position in positions(live, 100.1)] == ["q"]
 

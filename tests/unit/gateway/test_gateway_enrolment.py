@@ -4,9 +4,9 @@ import pytest
 from msgspec.json import encode
 
 from services.gateway.devices.enrolment import key_of, qr_svg, qr_text, same_key
-from services.gateway.devices.rate_limiter import RateLimiter
 from services.gateway.errors import RequestError, read_json, refuse
 from services.gateway.protocol import Enrolment
+from shared.rate_limiter import RateLimiter
 
 
 def test_what_the_qr_code_holds_is_accepted_as_a_key() -> None:

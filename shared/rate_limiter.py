@@ -30,10 +30,10 @@ class RateLimiter:
         self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()
         self._lock = threading.Lock()
 
-    def wait(self, name: str) -> float:
+    def wait(self, name: str, cost: float = 1.0) -> float:
         """Return 0 where this name may go on now, else the seconds until it may."""
         with self._lock:
-            missing = 1.0 - self._level(name)
+            missing = cost - self._level(name)
         return max(0.0, missing / self._rate)
 
     def spend(self, name: str, cost: float = 1.0) -> None:

@@ -1,0 +1,180 @@
+"""What the API answers, as far as a client needs it. Fields that this version does not know are ignored.
+
+Metres on the site's plan; seconds since the epoch (UTC); covariances (xx, xy, yy) in m².
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+__all__ = [
+    "Alert",
+    "Device",
+    "Exhibit",
+    "ExhibitInFront",
+    "InFront",
+    "Position",
+    "Rule",
+    "Schedule",
+    "SignedIn",
+    "Track",
+    "Zone",
+]
+
+Covariance = tuple[float, float, float]
+Point = tuple[float, float]
+
+
+class Position(msgspec.Struct, frozen=True, kw_only=True):
+    """Where one device is; ``age``: seconds since what it was made from reached the system."""
+
+    device: str
+    area: str
+    floor: str
+    x: float
+    y: float
+    covariance: Covariance
+    vx: float
+    vy: float
+    t: float
+    age: float
+    track: int
+    probability: float
+    state: str
+    """confirmed, coasting, unseen or lost."""
+
+
+class Track(msgspec.Struct, frozen=True, kw_only=True):
+    """One person, with a known device or without."""
+
+    track: int
+    area: str
+    floor: str
+    x: float
+    y: float
+    covariance: Covariance
+    vx: float
+    vy: float
+    t: float
+    age: float
+    state: str
+    device: str | None
+    probability: float
+    quality: float
+
+
+class Device(msgspec.Struct, frozen=True, kw_only=True):
+    """How surely and how lately a device is located, and in which zones."""
+
+    device: str
+    state: str
+    area: str
+    floor: str
+    zones: list[str]
+    probability: float
+    t: float
+    age: float
+
+
+class Schedule(msgspec.Struct, kw_only=True):
+    """When a rule holds, by the site's clock; 0 is Monday; ``until`` before ``since`` runs past midnight."""
+
+    days: list[int] = msgspec.field(default_factory=lambda: list(range(7)))
+    since: str = "00:00"
+    until: str = "00:00"
+
+
+class Rule(msgspec.Struct, kw_only=True):
+    """One thing that is told of a zone."""
+
+    id: str
+    kind: str
+    """enter, exit, dwell, cross, crowd, proximity or speed."""
+    limit: float | None = None
+    """Seconds of dwell, people of a crowd, metres of proximity, m/s of speed."""
+    direction: str = "both"
+    target: str = ""
+    audience: str = "everybody"
+    devices: list[str] = msgspec.field(default_factory=list)
+    schedule: Schedule | None = None
+    confidence: float = 0.5
+    quiet: float = 0.0
+
+
+class Zone(msgspec.Struct, kw_only=True):
+    """An area, or a line that people cross; what is read of it may be changed and put back."""
+
+    id: str
+    floor: str
+    points: list[Point]
+    name: str = ""
+    shape: str = "area"
+    rules: list[Rule] = msgspec.field(default_factory=list)
+    inside: int = 0
+    """People in it now whom cameras see; ``unseen``: devices out of their view."""
+    unseen: int = 0
+    etag: str = ""
+    """Which state of it was read; empty: of one's own making."""
+
+
+class Exhibit(msgspec.Struct, kw_only=True):
+    """Something to look at; ``facing``: degrees counter-clockwise from the plan's +x, None: it has no back."""
+
+    id: str
+    floor: str
+    x: float
+    y: float
+    name: str = ""
+    reach: float = 8.0
+    facing: float | None = None
+    etag: str = ""
+
+
+class ExhibitInFront(msgspec.Struct, frozen=True, kw_only=True):
+    """One exhibit that a visitor may be looking at; ``bearing``: degrees left of where they look."""
+
+    id: str
+    name: str
+    distance: float
+    bearing: float | None
+
+
+class InFront(msgspec.Struct, frozen=True, kw_only=True):
+    """What is in front of one visitor, nearest first."""
+
+    device: str
+    floor: str
+    x: float
+    y: float
+    age: float
+    heading: float | None
+    heading_age: float | None
+    exhibits: list[ExhibitInFront]
+
+
+class Alert(msgspec.Struct, frozen=True, kw_only=True):
+    """What a rule of a zone asked to be told."""
+
+    t: float
+    id: str
+    zone: str
+    kind: str
+    area: str
+    track: int
+    floor: str
+    x: float
+    y: float
+    device: str | None = None
+    rule: str = ""
+    value: float | None = None
+    limit: float | None = None
+
+
+class SignedIn(msgspec.Struct, frozen=True, kw_only=True):
+    """A sign-in of one of the staff."""
+
+    token: str
+    user: str
+    role: str
+    scopes: list[str]
+    expires: float

@@ -1,0 +1,1 @@
+"""What the API keeps itself: zones and exhibits, keys and people, and who asked for or changed what."""

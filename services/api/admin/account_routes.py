@@ -1,0 +1,133 @@
+"""``/v1/keys`` and ``/v1/users``: who may come in. Nobody gives away more than they have."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import msgspec
+from fastapi import APIRouter, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from services.api.admin.account_replies import Key, Keys, NewKey, NewUser, OneKey, StaffMember, UserChange, Users
+from services.api.admin.accounts import Accounts
+from services.api.admin.roles import SCOPES_OF, Role
+from services.api.auth import Holder
+from services.api.examples import EXAMPLES
+from services.api.openapi import GONE, created, documented, errors
+from services.api.problems import Problem, ProblemError
+from services.api.request_body import described, invalid, read_body, read_object
+from services.api.settings import Scope
+
+__all__ = ["account_routes"]
+
+LARGEST = 16_384
+"""Bytes."""
+
+
+def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
+    """Return the routes; ``key_rate`` is that of keys that name none."""
+    router = APIRouter(prefix="/v1", tags=["accounts"], default_response_class=Response)
+
+    @router.get("/keys", responses=documented(Keys, 503))
+    def keys() -> Response:
+        """The keys that were issued; never their secrets."""
+        return _json(Keys(t=time.time(), keys=[Key(**vars(key)) for key in accounts.issued()]))
+
+    @router.post(
+        "/keys",
+        status_code=201,
+        responses=created(OneKey, 409, 413, 422, 503),
+        openapi_extra=described(NewKey, EXAMPLES[NewKey]),
+    )
+    async def issue(request: Request) -> Response:
+        """Issue a key; the secret is told in this answer and nowhere else."""
+        wanted = read_object(await read_body(request, LARGEST), NewKey, "name, scopes, and expires, rate if wanted")
+        if wanted.expires is not None and not time.time() < wanted.expires < math.inf:
+            raise invalid("expires", f"{wanted.expires:g}", "seconds since the epoch, in the future; or null: never")
+        _not_more_than_own(request.state.holder, frozenset(wanted.scopes), "scopes")
+        scopes = sorted(set(wanted.scopes))
+        key, secret = await run_in_threadpool(
+            accounts.issue, wanted.name, scopes, wanted.rate or key_rate, wanted.expires
+        )
+        request.state.audit = f"issued to {key.name}: {' '.join(scopes)}"
+        return _json(OneKey(**vars(key), key=secret), 201, {"Location": f"/v1/keys/{key.id}"})
+
+    @router.delete("/keys/{key}", status_code=204, responses=GONE | errors(404, 503))
+    def revoke(key: str) -> Response:
+        """Let a key open nothing any more, from now on."""
+        accounts.revoke(key)
+        return Response(status_code=204)
+
+    @router.get("/users", responses=documented(Users, 503))
+    def users() -> Response:
+        """The staff."""
+        return _json(Users(t=time.time(), users=[StaffMember(**vars(user)) for user in accounts.users()]))
+
+    @router.post(
+        "/users",
+        status_code=201,
+        responses=created(StaffMember, 409, 413, 422, 503),
+        openapi_extra=described(NewUser, EXAMPLES[NewUser]),
+    )
+    async def let_in(request: Request) -> Response:
+        """Let somebody in, as viewer, guard, curator or admin."""
+        wanted = read_object(await read_body(request, LARGEST), NewUser, "name, role, password")
+        _may_give(request.state.holder, wanted.role)
+        user = await run_in_threadpool(accounts.let_in, wanted.name, wanted.role, wanted.password)
+        request.state.audit = f"{user.name} as {user.role}"
+        return _json(StaffMember(**vars(user)), 201)
+
+    @router.put(
+        "/users/{name}",
+        responses=documented(StaffMember, 404, 413, 422, 503),
+        openapi_extra=described(UserChange, EXAMPLES[UserChange]),
+    )
+    async def change(name: str, request: Request) -> Response:
+        """Give somebody another role or password; they have to sign in again."""
+        wanted = read_object(await read_body(request, LARGEST), UserChange, "role, password, or both")
+        if wanted.role is None and wanted.password is None:
+            raise invalid("body", "nothing to change", "role, password, or both")
+        for user in await run_in_threadpool(accounts.users):
+            if user.name == name:
+                # Whoever sets a password has what it opens.
+                _may_give(request.state.holder, user.role)
+        if wanted.role is not None:
+            _may_give(request.state.holder, wanted.role)
+        changed = await run_in_threadpool(accounts.change, name, wanted.role, wanted.password)
+        request.state.audit = f"role {wanted.role or 'as before'}, password {'new' if wanted.password else 'as before'}"
+        return _json(StaffMember(**vars(changed)))
+
+    @router.delete("/users/{name}", status_code=204, responses=GONE | errors(404, 503))
+    def shut_out(name: str) -> Response:
+        """Take somebody out; their sign-ins end at once."""
+        accounts.shut_out(name)
+        return Response(status_code=204)
+
+    return router
+
+
+def _may_give(holder: Holder, role: Role) -> None:
+    _not_more_than_own(holder, SCOPES_OF[role], "role")
+
+
+def _not_more_than_own(holder: Holder, scopes: frozenset[Scope], field: str) -> None:
+    beyond = sorted(scopes - holder.scopes)
+    if beyond:
+        raise ProblemError(
+            Problem(
+                type="urn:atrium:forbidden",
+                title="More than you have",
+                status=403,
+                detail=f"nobody gives away scopes they do not have: {', '.join(beyond)}",
+                field=field,
+                found=", ".join(beyond),
+                allowed=", ".join(sorted(holder.scopes)),
+            )
+        )
+
+
+def _json(body: msgspec.Struct, status: int = 200, headers: dict[str, str] | None = None) -> Response:
+    told = {"Cache-Control": "no-store", **(headers or {})}
+    return Response(msgspec.json.encode(body), status, told, media_type="application/json")

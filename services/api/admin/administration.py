@@ -1,0 +1,151 @@
+"""What the API keeps itself, as one thing: opened at the start, asked by the routes."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import Any
+
+import msgspec
+import structlog
+from fastapi import APIRouter
+from sqlalchemy import Engine
+from sqlalchemy.exc import SQLAlchemyError
+
+from services.api.admin.account_routes import account_routes
+from services.api.admin.accounts import Accounts
+from services.api.admin.audit_layer import LOOK_UPS, QUERY
+from services.api.admin.audit_log import AuditLog
+from services.api.admin.audit_route import audit_route
+from services.api.admin.catalogue import Catalogue, Entry
+from services.api.admin.catalogue_routes import Answers, catalogue_routes
+from services.api.admin.database import migrate, open_admin
+from services.api.admin.exhibits import MOST_EXHIBITS, ExhibitDefinition
+from services.api.admin.in_front_route import in_front_route
+from services.api.admin.replies import Exhibit, Exhibits
+from services.api.admin.session_routes import session_routes
+from services.api.admin.shapes import EXHIBIT, ZONE
+from services.api.admin.zone_check import MOST_ZONES
+from services.api.live_state import LiveState
+from services.api.problems import unknown
+from services.api.replies import ZoneReport, Zones
+from services.api.settings import ApiSettings
+from services.api.site_view import site_view, zone_view
+from services.api.zones_drawn import ZonesDrawn, zones_of
+from shared.bus import Publisher
+from shared.database import unreachable
+from shared.site import Site
+from shared.zones import ZoneDefinition, ZoneSet
+
+__all__ = ["Administration", "admin_routes"]
+
+log = structlog.get_logger(__name__)
+
+
+class Administration:
+    """Zones and exhibits of one site, who may come in, and who did what.
+
+    Args:
+        settings: how long sign-ins and the audit log last.
+        site: where its zones begin.
+        engine: the database, its tables up to date.
+        live: counts who is in the zones.
+        published: tells others of the zones once they are not the site file's any more.
+
+    Raises:
+        ServiceError: the database cannot be read.
+    """
+
+    def __init__(
+        self,
+        settings: ApiSettings,
+        site: Site,
+        engine: Engine,
+        live: LiveState,
+        published: Publisher[ZoneSet] | None,
+    ) -> None:
+        self.settings = settings
+        self.site = site
+        self.engine = engine
+        self.live = live
+        self._published = published
+        self.zones = Catalogue(engine, "zone", ZoneDefinition, zones_of(site), MOST_ZONES, self._publish)
+        self.exhibits = Catalogue(engine, "exhibit", ExhibitDefinition, [], MOST_EXHIBITS)
+        self.accounts = Accounts(engine, settings.session_hours, settings.session_rate)
+        self.audit = AuditLog(engine, settings.audit_days)
+        self._erased: deque[str] = deque()
+        self._view = site_view(site, [])
+        self.site_json = b""
+        """The ready body of ``GET /v1/site``."""
+        self.redraw()
+
+    @classmethod
+    def open(
+        cls, settings: ApiSettings, site: Site, live: LiveState, published: Publisher[ZoneSet] | None = None
+    ) -> Administration:
+        """Open the database and take in what it holds; in the demo bring its tables up to date before.
+
+        Raises:
+            ServiceError: it cannot be opened or read.
+        """
+        url = settings.api_database_url.get_secret_value()
+        if settings.profile == "demo":
+            migrate(url)
+        return cls(settings, site, open_admin(url), live, published)
+
+    def redraw(self) -> None:
+        """Let the map and the counts follow the zones; called in the thread that owns ``live``."""
+        entries = list(self.zones.entries.values())
+        self.live.draw(ZonesDrawn([entry.definition for entry in entries], [entry.etag for entry in entries]))
+        zones = [zone_view(entry.definition) for entry in entries]
+        self.site_json = msgspec.json.encode(msgspec.structs.replace(self._view, zones=zones))
+
+    def erase(self, device: str) -> None:
+        """Forget, at the next ``keep``, who looked up a device whose owner withdrew consent."""
+        self._erased.append(device)
+
+    def keep(self) -> str | None:
+        """Write down what waits; called about once a second, not in the event loop. Return why it cannot be."""
+        try:
+            while self._erased:
+                device = self._erased[0]
+                self.audit.erase([path + device for path in LOOK_UPS], f"{QUERY}{device}")
+                self._erased.popleft()
+            self.audit.keep()
+        except SQLAlchemyError as error:
+            return unreachable(self.engine, error)
+        return None
+
+    def _publish(self, version: int, zones: list[ZoneDefinition]) -> None:
+        if self._published is not None:
+            self._published.publish(ZoneSet(t=time.time(), version=version, zones=zones))
+        log.info("zones as staff drew them", version=version, zones=len(zones))
+
+
+def admin_routes(admin: Administration) -> APIRouter:
+    """Return every route over what the API keeps itself."""
+    router = APIRouter()
+
+    def zone(entry: Entry[ZoneDefinition]) -> ZoneReport:
+        try:
+            return admin.live.zone(entry.definition.id, time.time())
+        except KeyError:  # taken out again by somebody else meanwhile
+            raise unknown("zone", entry.definition.id) from None
+
+    def every_exhibit() -> bytes:
+        exhibits = [_exhibit(entry) for entry in admin.exhibits.entries.values()]
+        return msgspec.json.encode(Exhibits(t=time.time(), exhibits=exhibits))
+
+    zones = Answers(ZoneReport, Zones, zone, lambda: admin.live.zones_json(time.time()))
+    exhibits = Answers(Exhibit, Exhibits, _exhibit, every_exhibit)
+    router.include_router(catalogue_routes(admin.site, ZONE, admin.zones, zones, admin.redraw))
+    router.include_router(catalogue_routes(admin.site, EXHIBIT, admin.exhibits, exhibits, lambda: None))
+    router.include_router(account_routes(admin.accounts, admin.settings.key_rate))
+    router.include_router(session_routes(admin.accounts))
+    router.include_router(audit_route(admin.audit, admin.engine))
+    router.include_router(in_front_route(admin.site, admin.live, admin.exhibits))
+    return router
+
+
+def _exhibit(entry: Entry[Any]) -> Exhibit:
+    return Exhibit(**msgspec.structs.asdict(entry.definition), etag=entry.etag)

@@ -1,0 +1,203 @@
+"""Who changed what, and who looked whom up: written before or as it is answered, kept for a while, read by few.
+
+Changes and pictures are one row each, at once. Look-ups of the same by the same within a minute are one row with a
+count, written within a second: a guide app asks for its visitor every second of an afternoon.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Engine, delete, insert, select, update
+
+from services.api.admin.tables import AuditRow
+from services.api.problems import Problem, ProblemError
+
+__all__ = ["AuditLog", "Deed"]
+
+MINUTE = 60.0
+MOST_OPEN = 10_000
+"""Look-ups of one minute that are counted apart."""
+HOUR = 3600.0
+ERASED = "(erased)"
+
+
+@dataclass(frozen=True)
+class Deed:
+    """Who did what to what, and how it was answered."""
+
+    who: str
+    action: str
+    subject: str
+    status: int
+    detail: str = ""
+
+
+@dataclass
+class _Open:
+    since: float
+    times: int = 0
+    row: int | None = None
+    written: int = 0
+
+
+class AuditLog:
+    """The audit log of one site; every method may be called from any thread.
+
+    Args:
+        engine: the database.
+        days: after which a row is forgotten.
+        clock: wall clock.
+    """
+
+    def __init__(self, engine: Engine, days: float, clock: Callable[[], float] = time.time) -> None:
+        self._engine = engine
+        self._kept = 86400.0 * days
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._writing = threading.Lock()
+        self._open: dict[tuple[Deed, int], _Open] = {}
+        """By deed and minute."""
+        self._swept = 0.0
+
+    def record(self, deed: Deed) -> None:
+        """Write one row now.
+
+        Raises:
+            SQLAlchemyError: the database is away.
+        """
+        with self._engine.begin() as connection:
+            connection.execute(insert(AuditRow).values(_row(deed, self._clock(), 1)))
+
+    def look_up(self, deed: Deed) -> None:
+        """Count one look-up, to be written soon.
+
+        Raises:
+            ProblemError: too many wait to be written, because the database is away: nobody is to be looked up unseen.
+        """
+        with self._lock:
+            now = self._clock()
+            key = (deed, int(now // MINUTE))
+            held = self._open.get(key)
+            if held is None:
+                if len(self._open) >= MOST_OPEN:
+                    raise ProblemError(
+                        Problem(
+                            type="urn:atrium:audit-full",
+                            title="Audit log full",
+                            status=503,
+                            detail="look-ups cannot be written down now, so nobody is looked up",
+                        ),
+                        {"Retry-After": "5"},
+                    )
+                held = self._open[key] = _Open(now)
+            held.times += 1
+
+    def keep(self) -> None:
+        """Write what waits and forget what is old; called about once a second.
+
+        Raises:
+            SQLAlchemyError: the database is away; what waits goes on waiting.
+        """
+        now = self._clock()
+        with self._writing:
+            with self._lock:
+                waiting = [
+                    (deed, held, held.times) for (deed, _), held in self._open.items() if held.times > held.written
+                ]
+            with self._engine.begin() as connection:
+                for deed, held, times in waiting:
+                    if held.row is None:
+                        made = connection.execute(insert(AuditRow).values(_row(deed, held.since, times)))
+                        held.row = made.inserted_primary_key[0] if made.inserted_primary_key else None
+                    else:
+                        connection.execute(update(AuditRow).where(AuditRow.id == held.row).values(times=times))
+                if now - self._swept > HOUR:
+                    connection.execute(delete(AuditRow).where(AuditRow.t < now - self._kept))
+                    self._swept = now
+            with self._lock:
+                for _, held, times in waiting:
+                    held.written = times
+                self._open = {
+                    key: held
+                    for key, held in self._open.items()
+                    if held.times > held.written or key[1] == int(now // MINUTE)
+                }
+
+    def erase(self, subjects: Sequence[str], query: str) -> None:
+        """Forget whom look-ups were about.
+
+        Args:
+            subjects: paths of a device whose owner withdrew consent; what lies below them counts too.
+            query: how a path ends that names the device in its query.
+
+        Raises:
+            SQLAlchemyError: the database is away.
+        """
+        self.keep()
+        with self._writing, self._lock:
+            self._open = {
+                key: held
+                for key, held in self._open.items()
+                if not any(key[0].subject == path or key[0].subject.startswith(path + "/") for path in subjects)
+                and not key[0].subject.endswith(query)
+            }
+            with self._engine.begin() as connection:
+                asked = AuditRow.subject.endswith(query, autoescape=True)
+                connection.execute(update(AuditRow).where(asked).values(subject=ERASED, detail=""))
+                for path in subjects:
+                    below = AuditRow.subject.startswith(path + "/", autoescape=True)
+                    there = path.rpartition("/")[0]
+                    connection.execute(
+                        update(AuditRow)
+                        .where((AuditRow.subject == path) | below)
+                        .values(subject=f"{there}/{ERASED}", detail="")
+                    )
+
+    def read(
+        self,
+        before: int | None,
+        since: float | None,
+        until: float | None,
+        who: str | None,
+        action: str | None,
+        limit: int,
+    ) -> list[dict[str, Any]]:
+        """Return the newest rows that match, newest first.
+
+        Raises:
+            SQLAlchemyError: the database is away.
+        """
+        wanted = select(AuditRow.__table__).order_by(AuditRow.id.desc()).limit(limit)
+        for column, value in ((AuditRow.who, who), (AuditRow.action, action)):
+            if value is not None:
+                wanted = wanted.where(column == value)
+        if before is not None:
+            wanted = wanted.where(AuditRow.id < before)
+        if since is not None:
+            wanted = wanted.where(AuditRow.t > since)
+        if until is not None:
+            wanted = wanted.where(AuditRow.t <= until)
+        with self._engine.connect() as connection:
+            return [dict(row) for row in connection.execute(wanted).mappings()]
+
+
+def _row(deed: Deed, t: float, times: int) -> dict[str, object]:
+    return {
+        "t": t,
+        "who": _plain(deed.who, 128),
+        "action": _plain(deed.action, 16),
+        "subject": _plain(deed.subject, 512),
+        "status": deed.status,
+        "times": times,
+        "detail": _plain(deed.detail, 20_000),
+    }
+
+
+def _plain(text: str, most: int) -> str:
+    """No database takes a zero character, and what is read in a table should be readable."""
+    return "".join(letter if letter.isprintable() else "�" for letter in text)[:most]

@@ -1,0 +1,57 @@
+"""``/v1/audit``: who changed what, and who looked whom up."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated
+
+import msgspec
+from fastapi import APIRouter, Query
+from sqlalchemy import Engine
+from sqlalchemy.exc import SQLAlchemyError
+from starlette.responses import Response
+
+from services.api.admin.account_replies import AuditEntry, AuditPage
+from services.api.admin.audit_log import AuditLog
+from services.api.admin.catalogue import database_away
+from services.api.openapi import documented
+
+__all__ = ["audit_route"]
+
+Time = Annotated[float | None, Query(allow_inf_nan=False, description="seconds since the epoch")]
+
+
+def audit_route(audit: AuditLog, engine: Engine) -> APIRouter:
+    """Return the route."""
+    router = APIRouter(prefix="/v1", tags=["accounts"], default_response_class=Response)
+
+    @router.get("/audit", responses=documented(AuditPage, 422, 503))
+    def entries(
+        before: Annotated[
+            int | None, Query(ge=0, le=2**62, description="only entries before the one of this id")
+        ] = None,
+        since: Time = None,
+        until: Time = None,
+        who: Annotated[str | None, Query(max_length=128, description="only what this one did")] = None,
+        action: Annotated[
+            str | None, Query(max_length=16, description="GET: look-ups; POST, PUT, DELETE: changes")
+        ] = None,
+        limit: Annotated[int, Query(ge=1, le=1000, description="at most this many")] = 100,
+    ) -> Response:
+        """Every change, every look-up of one person and every picture of a camera, newest first."""
+        for text in (who, action):
+            if text is not None and not text.isprintable():
+                return _json(AuditPage(t=time.time(), entries=[], before=None))
+        try:
+            audit.keep()
+            rows = audit.read(before, since, until, who, action, limit)
+        except SQLAlchemyError as error:
+            raise database_away(engine, error) from error
+        found = [AuditEntry(**row) for row in rows]
+        return _json(AuditPage(t=time.time(), entries=found, before=found[-1].id if len(found) == limit else None))
+
+    return router
+
+
+def _json(page: AuditPage) -> Response:
+    return Response(msgspec.json.encode(page), headers={"Cache-Control": "no-store"}, media_type="application/json")

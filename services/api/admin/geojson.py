@@ -1,0 +1,125 @@
+"""Zones and exhibits as GeoJSON: in metres of the plan, or in WGS 84 (RFC 7946) where the site is anchored."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from services.api.request_body import invalid
+from shared.site.geographic import PlanOnEarth
+
+__all__ = ["GEOJSON", "Crs", "collection", "features_of", "place_of", "placed"]
+
+GEOJSON = "application/geo+json"
+Crs = Literal["plan", "wgs84"]
+Points = list[tuple[float, float]]
+
+DECIMALS = 8
+"""Of degrees: a millimetre."""
+
+
+def placed(crs: Crs, earth: PlanOnEarth | None) -> PlanOnEarth | None:
+    """Return how coordinates of ``crs`` are turned into the plan's; None: they are the plan's.
+
+    Raises:
+        ProblemError: the site's place on Earth is not known.
+    """
+    if crs == "plan":
+        return None
+    if earth is None:
+        raise invalid("crs", "wgs84", "plan: the site file names no anchor, its place on Earth")
+    return earth
+
+
+def collection(features: Iterable[dict[str, Any]]) -> bytes:
+    """Return the body of many features."""
+    return msgspec.json.encode({"type": "FeatureCollection", "features": list(features)})
+
+
+def features_of(document: Any) -> list[dict[str, Any]]:
+    """Return the features of a Feature or FeatureCollection.
+
+    Raises:
+        ProblemError: it is neither.
+    """
+    kind = document.get("type") if isinstance(document, dict) else None
+    if kind == "FeatureCollection":
+        features = document.get("features")
+        if not isinstance(features, list) or not features:
+            raise invalid("features", "nothing", "a list of GeoJSON features")
+    elif kind == "Feature":
+        features = [document]
+    else:
+        raise invalid("type", str(kind)[:64], "Feature or FeatureCollection")
+    for number, feature in enumerate(features):
+        if not isinstance(feature, dict) or feature.get("type") != "Feature":
+            raise invalid(f"features[{number}].type", "something else", "Feature")
+        if not isinstance(feature.get("properties") or {}, dict):
+            raise invalid(f"features[{number}].properties", "something else", "an object")
+    return features
+
+
+def feature(
+    name: str,
+    geometry: Literal["Polygon", "LineString", "Point"],
+    points: Points,
+    properties: dict[str, Any],
+    earth: PlanOnEarth | None,
+) -> dict[str, Any]:
+    """Return one feature; of a polygon ``points`` are its corners, each once."""
+    coordinates: Any = points if earth is None else np.round(earth.to_wgs84(np.array(points)), DECIMALS).tolist()
+    if geometry == "Polygon":
+        coordinates = [[*coordinates, coordinates[0]]]
+    elif geometry == "Point":
+        coordinates = coordinates[0]
+    return {
+        "type": "Feature",
+        "id": name,
+        "geometry": {"type": geometry, "coordinates": coordinates},
+        "properties": properties,
+    }
+
+
+def place_of(
+    feature: dict[str, Any], allowed: Sequence[str], earth: PlanOnEarth | None
+) -> tuple[str, Points, dict[str, Any]]:
+    """Return the kind of geometry, its points in metres of the plan, and the properties, ``id`` among them.
+
+    Raises:
+        ProblemError: another kind of geometry, holes, or coordinates that are none or far off.
+    """
+    geometry = feature.get("geometry")
+    kind = str(geometry.get("type")) if isinstance(geometry, dict) else "nothing"
+    if not isinstance(geometry, dict) or kind not in allowed:
+        raise invalid("geometry.type", kind[:64], " or ".join(allowed))
+    coordinates = geometry.get("coordinates")
+    if kind == "Polygon":
+        if not isinstance(coordinates, list) or len(coordinates) != 1:
+            raise invalid("geometry.coordinates", "holes, or nothing", "one ring: zones have no holes")
+        coordinates = coordinates[0]
+    points = _points([coordinates] if kind == "Point" else coordinates)
+    if kind == "Polygon" and len(points) > 1 and points[0] == points[-1]:
+        points = points[:-1]
+    if earth is not None:
+        try:
+            points = [(x, y) for x, y in np.round(earth.to_plan(np.array(points)), 4).tolist()]
+        except ValueError as reason:
+            raise invalid("geometry.coordinates", str(reason), "longitude, latitude near the site") from reason
+    properties = dict(feature.get("properties") or {})
+    if "id" in feature:
+        properties.setdefault("id", feature["id"])
+    return kind, points, properties
+
+
+def _points(coordinates: Any) -> Points:
+    try:
+        # A third number is a height, which RFC 7946 allows and zones do not have.
+        pairs = msgspec.convert([list(pair)[:2] for pair in coordinates], list[tuple[float, float]])
+    except (msgspec.ValidationError, TypeError) as reason:
+        raise invalid("geometry.coordinates", str(reason)[:100], "pairs of finite numbers") from reason
+    if not pairs:
+        raise invalid("geometry.coordinates", "nothing", "pairs of finite numbers")
+    return pairs

@@ -1,0 +1,1 @@
+"""Schema versions of the tables of alerts and webhooks (Alembic)."""

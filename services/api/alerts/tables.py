@@ -1,0 +1,80 @@
+"""What is stored of alerts and webhooks. The API is their one writer."""
+
+from __future__ import annotations
+
+from sqlalchemy import BigInteger, Float, ForeignKey, Index, LargeBinary, String, Text
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+__all__ = ["LONGEST_ID", "LONGEST_REASON", "AlertRow", "Base", "DeliveryRow", "WebhookRow"]
+
+LONGEST_ID = 200
+LONGEST_REASON = 300
+
+
+class Base(DeclarativeBase):
+    """The tables of alerts and webhooks."""
+
+
+class AlertRow(Base):
+    """One alert; ``seq`` counts them as they came."""
+
+    __tablename__ = "api_alerts"
+    __table_args__ = (Index("ix_api_alerts_zone", "zone", "t"), {"sqlite_autoincrement": True})
+
+    seq: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(LONGEST_ID), unique=True)
+    t: Mapped[float] = mapped_column(Float(53), index=True)
+    sent: Mapped[float] = mapped_column(Float(53), index=True)
+    """Wall clock at which it was told; of a recording that is played, ``t`` is long ago."""
+    zone: Mapped[str] = mapped_column(String(64))
+    kind: Mapped[str] = mapped_column(String(16))
+    area: Mapped[str] = mapped_column(String(64))
+    device: Mapped[str | None] = mapped_column(String(64), index=True)
+    other_device: Mapped[str | None] = mapped_column(String(64), index=True)
+    event: Mapped[int] = mapped_column(BigInteger, index=True)
+    """Of the event log, under which streams told it."""
+    told: Mapped[bytes] = mapped_column(LargeBinary)
+    """The alert as the bus carried it, JSON, without erased devices."""
+    acknowledged: Mapped[float | None] = mapped_column(Float(53), index=True)
+    acknowledged_by: Mapped[str] = mapped_column(String(LONGEST_ID), default="")
+    note: Mapped[str] = mapped_column(Text, default="")
+
+
+class WebhookRow(Base):
+    """Whom alerts are sent to."""
+
+    __tablename__ = "api_webhooks"
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    name: Mapped[str] = mapped_column(String(200))
+    url: Mapped[str] = mapped_column(String(2000))
+    kinds: Mapped[str] = mapped_column(Text)
+    """JSON list; empty: all. ``zones`` likewise."""
+    zones: Mapped[str] = mapped_column(Text)
+    enabled: Mapped[bool]
+    secret: Mapped[str] = mapped_column(String(100))
+    created: Mapped[float] = mapped_column(Float(53))
+    created_by: Mapped[str] = mapped_column(String(LONGEST_ID))
+    delivered: Mapped[int] = mapped_column(default=0)
+    failed: Mapped[int] = mapped_column(default=0)
+    """Attempts."""
+    last_success: Mapped[float | None] = mapped_column(Float(53))
+    last_failure: Mapped[float | None] = mapped_column(Float(53))
+    last_reason: Mapped[str] = mapped_column(String(LONGEST_REASON), default="")
+
+
+class DeliveryRow(Base):
+    """One alert that one webhook has yet to be sent, or (``dead``) that it never took. What was taken has no row."""
+
+    __tablename__ = "api_deliveries"
+    __table_args__ = (Index("ix_api_deliveries_due", "webhook", "dead", "due"), {"sqlite_autoincrement": True})
+
+    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    webhook: Mapped[str] = mapped_column(ForeignKey("api_webhooks.id", ondelete="CASCADE"))
+    alert: Mapped[int] = mapped_column(ForeignKey("api_alerts.seq", ondelete="CASCADE"), index=True)
+    dead: Mapped[bool] = mapped_column(default=False)
+    attempts: Mapped[int] = mapped_column(default=0)
+    due: Mapped[float] = mapped_column(Float(53))
+    """Wall clock of the next attempt; of a dead one, when it died."""
+    reason: Mapped[str] = mapped_column(String(LONGEST_REASON), default="")
+    """Why the last attempt failed."""

@@ -1,0 +1,83 @@
+"""Parts of events: those of one device or one zone, and all but an erased device. JSON in, JSON out.
+
+Device ids hold no character that JSON escapes, so an event whose bytes do not hold one does not name it.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from services.api.replies import TrackColumns
+from shared.erased import Erased
+from shared.messages import Alert, Occupancy, Revision
+
+__all__ = ["of_device", "of_zone", "without_device"]
+
+_tracks = msgspec.json.Decoder(TrackColumns)
+_revision = msgspec.json.Decoder(Revision)
+_alert = msgspec.json.Decoder(Alert)
+_occupancy = msgspec.json.Decoder(Occupancy)
+_COLUMNS = ("floor", "track", "x", "y", "vx", "vy", "state", "device", "probability", "accuracy")
+
+
+def without_device(event: str, payload: bytes, device: str) -> bytes | None:
+    """Return an event without an erased device; None where nothing is left of it."""
+    erased = Erased()
+    erased.add(device)
+    if event == "tracks":
+        columns = _tracks.decode(payload)
+        # Whom a camera sees stays, without a name; who is followed by the device alone is gone with it.
+        rows = [i for i, name in enumerate(columns.device) if name != device or columns.state[i] != "unseen"]
+        gone = [columns.device[i] == device for i in rows]
+        kept = _rows(columns, rows)
+        return msgspec.json.encode(
+            msgspec.structs.replace(
+                kept,
+                device=[None if was else name for was, name in zip(gone, kept.device, strict=True)],
+                probability=[0.0 if was else p for was, p in zip(gone, kept.probability, strict=True)],
+            )
+        )
+    if event == "revision":
+        revision = erased.from_revision(_revision.decode(payload))
+        return msgspec.json.encode(revision) if revision.device else None
+    if event == "alert":
+        return msgspec.json.encode(erased.from_alert(_alert.decode(payload)))
+    return payload
+
+
+def of_device(event: str, payload: bytes, device: str) -> bytes | None:
+    """Return what an event tells of one device; None: nothing."""
+    if b'"' + device.encode() + b'"' not in payload:
+        return None
+    if event == "tracks":
+        columns = _tracks.decode(payload)
+        rows = [row for row, name in enumerate(columns.device) if name == device]
+        return msgspec.json.encode(_rows(columns, rows)) if rows else None
+    if event == "revision":
+        revision = _revision.decode(payload)
+        others = Erased()
+        for name in revision.device:
+            if name != device:
+                others.add(name)
+        revision = others.from_revision(revision)
+        return msgspec.json.encode(revision) if revision.device else None
+    if event == "alert":
+        alert = _alert.decode(payload)
+        return payload if device in (alert.device, alert.other_device) else None
+    return None
+
+
+def of_zone(event: str, payload: bytes, told_of: str | None, zone: str) -> bytes | None:
+    """Return what an event, which is ``told_of`` a zone, tells of ``zone``; None: nothing."""
+    if event in ("alert", "acknowledged"):
+        return payload if told_of == zone else None
+    if event == "occupancy" and b'"' + zone.encode() + b'"' in payload:
+        counts = _occupancy.decode(payload)
+        row = counts.zone.index(zone)
+        one = Occupancy(t=counts.t, zone=[zone], people=[counts.people[row]], phones=[counts.phones[row]])
+        return msgspec.json.encode(one)
+    return None
+
+
+def _rows(columns: TrackColumns, rows: list[int]) -> TrackColumns:
+    return msgspec.structs.replace(columns, **{name: [getattr(columns, name)[i] for i in rows] for name in _COLUMNS})

@@ -1,0 +1,86 @@
+"""How many people are in each zone now? All positions against all zones at once, in a tree of their bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from services.api.replies import ZoneReport
+from shared.site import Site
+from shared.zones import ZoneDefinition, ZoneRule
+
+__all__ = ["ZonesDrawn", "zones_of"]
+
+
+def zones_of(site: Site) -> list[ZoneDefinition]:
+    """Return the zones of a site file, what it lets be told as rules called ``enter`` and ``exit``."""
+    return [
+        ZoneDefinition(
+            id=zone.id,
+            name=zone.name,
+            floor=zone.floor,
+            points=zone.polygon,
+            rules=[ZoneRule(id=kind, kind=kind) for kind in zone.alert_on],
+        )
+        for zone in site.zones
+    ]
+
+
+class ZonesDrawn:
+    """The zones that hold now, ready to be asked who is in them.
+
+    Args:
+        zones: in the order in which they are told.
+        etags: of each; without them they cannot be changed.
+    """
+
+    def __init__(self, zones: Sequence[ZoneDefinition], etags: Sequence[str] | None = None) -> None:
+        self.ids = {zone.id: number for number, zone in enumerate(zones)}
+        self._floor = np.array([zone.floor for zone in zones], dtype=object)
+        # A line holds nobody: it stands in the tree as nothing.
+        self._tree = shapely.STRtree([shapely.Polygon(zone.points if zone.shape == "area" else None) for zone in zones])
+        self._empty = [
+            ZoneReport(
+                id=zone.id,
+                name=zone.name,
+                floor=zone.floor,
+                shape=zone.shape,
+                points=zone.points,
+                rules=zone.rules,
+                polygon=zone.points,
+                alert_on=[rule.kind for rule in zone.rules if rule.kind == "enter" or rule.kind == "exit"],
+                inside=0,
+                unseen=0,
+                etag=etag,
+            )
+            for zone, etag in zip(zones, etags or [""] * len(zones), strict=True)
+        ]
+
+    def within(
+        self, floor: NDArray[np.object_], x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return pairs (person, zone) of whose place, its floor and metres, lies in which zone, borders included."""
+        person, zone = self._tree.query(shapely.points(x, y), predicate="intersects")
+        same = self._floor[zone] == floor[person]
+        return person[same], zone[same]
+
+    def reports(
+        self,
+        floor: NDArray[np.object_],
+        x: NDArray[np.float64],
+        y: NDArray[np.float64],
+        unseen: NDArray[np.bool_],
+    ) -> list[ZoneReport]:
+        """Return each zone with how many of these people are in it, those whom no camera sees apart."""
+        person, zone = self.within(floor, x, y)
+        hidden = unseen[person]
+        inside = np.bincount(zone[~hidden], minlength=len(self._empty)).tolist()
+        out_of_view = np.bincount(zone[hidden], minlength=len(self._empty)).tolist()
+        return [
+            report if not (seen or not_seen) else msgspec.structs.replace(report, inside=seen, unseen=not_seen)
+            for report, seen, not_seen in zip(self._empty, inside, out_of_view, strict=True)
+        ]

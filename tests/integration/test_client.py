@@ -1,0 +1,282 @@
+"""The Python client against a real API: what its README promises."""
+
+import re
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import msgspec
+import pytest
+from api_app import people
+from api_in_process import running
+from atrium_client import (
+    AtriumClient,
+    AtriumError,
+    Conflict,
+    Event,
+    Exhibit,
+    NotAllowed,
+    NotFound,
+    Rule,
+    TryLater,
+    Zone,
+)
+from atrium_client.event_stream import parse
+from conftest import unused_port
+from hypothesis import given
+from hypothesis import strategies as st
+from waiting import wait_until
+
+from shared.bus import Bus, router
+from shared.keys import Keys
+from shared.messages import Alert, TrackFrame
+from shared.site import load_site
+
+KEYS = Keys("hall")
+VAULT = Zone(id="vault", floor="ground", points=[(1.0, 6.0), (4.0, 6.0), (4.0, 9.0)])
+
+
+def alert(number: int) -> Alert:
+    return Alert(
+        t=1000.0 + number,
+        id=f"a-{number}",
+        zone="entrance",
+        kind="enter",
+        area="hall",
+        track=1,
+        floor="ground",
+        x=9.0,
+        y=1.0,
+    )
+
+
+@pytest.fixture(scope="module")
+def world(project: Path) -> Iterator[tuple[str, Bus]]:
+    """An API's address, and the bus it listens to."""
+    endpoint = f"tcp/127.0.0.1:{unused_port()}"
+    broker = router(endpoint)
+    site = load_site(project / "deploy/sites/hall/site.yaml")
+    with running(site, project, endpoint, unused_port()) as address, Bus([endpoint]) as bus:
+        yield address, bus
+    broker.close()
+
+
+@pytest.fixture
+def atrium(world: tuple[str, Bus]) -> Iterator[AtriumClient]:
+    with AtriumClient(world[0], "demo-api-key") as client:
+        yield client
+
+
+def seen(world: tuple[str, Bus], atrium: AtriumClient) -> None:
+    tracks = world[1].publisher(KEYS.tracks("hall"), TrackFrame)
+    numbers = iter(range(10_000))
+
+    def step() -> bool:
+        walking = {"vx": [1.0, 0.0], "chunk": next(numbers)}
+        tracks.publish(people(time.time(), ("phone-1", 9.0, 1.0), (None, 10.0, 1.0), **walking))
+        return bool(atrium.positions())
+
+    wait_until(step, 15.0, "a position")
+
+
+def test_who_is_where(world: tuple[str, Bus], atrium: AtriumClient) -> None:
+    seen(world, atrium)
+    assert [(p.device, p.x, p.floor) for p in atrium.positions(zone="entrance", near=(9.0, 1.0, 0.5))] == [
+        ("phone-1", 9.0, "ground")
+    ]
+    here = atrium.position("phone-1")
+    assert here is not None
+    assert here.state == "confirmed"
+    assert atrium.position("nobody/../phone-1") is None
+    assert [(t.track, t.device) for t in atrium.tracks(area="hall")] == [(1, "phone-1"), (2, None)]
+    assert [(d.device, d.zones) for d in atrium.devices()] == [("phone-1", ["entrance"])]
+    assert atrium.positions(confidence=1.0) == []
+    with pytest.raises(NotFound) as caught:
+        atrium.positions(zone="nowhere")
+    assert (caught.value.field, caught.value.found) == ("zone", "nowhere")
+
+
+def test_zones_are_drawn_and_nobodys_change_is_lost(atrium: AtriumClient) -> None:
+    made = atrium.add_zone(VAULT)
+    made.rules.append(Rule(id="too-long", kind="dwell", limit=30.0))
+    mine, other = atrium.zone("vault"), atrium.zone("vault")
+    mine.name, other.name = "Mine", "Other"
+    mine.rules = made.rules
+    kept = atrium.put_zone(mine)
+    assert (kept.name, kept.rules[0].limit) == ("Mine", 30.0)
+    with pytest.raises(Conflict):
+        atrium.put_zone(other)
+    with pytest.raises(AtriumError) as caught:
+        atrium.put_zone(Zone(id="vault", floor="ground", points=[(0.0, 0.0), (1.0, 1.0)]))
+    assert (caught.value.status, caught.value.field) == (422, "points")
+    atrium.delete_zone("vault", etag=kept.etag)
+    assert "vault" not in [zone.id for zone in atrium.zones()]
+
+
+def test_a_guide_app_asks_what_is_in_front_of_its_visitor(world: tuple[str, Bus], atrium: AtriumClient) -> None:
+    seen(world, atrium)
+    vase = atrium.add_exhibit(Exhibit(id="vase", floor="ground", x=12.0, y=1.0))
+    found = atrium.in_front_of("phone-1")
+    assert found is not None
+    assert [(e.id, e.distance, e.bearing) for e in found.exhibits] == [("vase", 3.0, 0.0)]
+    vase.x = 6.0
+    atrium.put_exhibit(vase)
+    behind = atrium.in_front_of("phone-1")
+    assert behind is not None
+    assert behind.exhibits == []
+    assert atrium.in_front_of("nobody") is None
+    atrium.delete_exhibit("vase")
+    assert atrium.exhibits() == []
+
+
+def test_staff_sign_in(world: tuple[str, Bus]) -> None:
+    user = {"name": "maria", "role": "viewer", "password": "correct horse battery"}
+    httpx.post(f"{world[0]}/v1/users", json=user, headers={"X-API-Key": "demo-api-key"}).raise_for_status()
+    with AtriumClient(world[0]) as client:
+        with pytest.raises(NotAllowed):
+            client.positions()
+        assert client.sign_in("maria", "correct horse battery").role == "viewer"
+        assert client.site()["site"] == "hall"
+        assert client.health()["status"] in ("ok", "degraded")
+        with pytest.raises(NotAllowed, match="zones"):
+            client.add_zone(VAULT)
+        client.sign_out()
+        with pytest.raises(NotAllowed):
+            client.positions()
+
+
+def test_a_stream_that_is_lost_goes_on_after_the_last_alert(project: Path) -> None:
+    endpoint, port = f"tcp/127.0.0.1:{unused_port()}", unused_port()
+    broker = router(endpoint)
+    site = load_site(project / "deploy/sites/hall/site.yaml")
+    told: list[str] = []
+    joined = threading.Event()
+
+    def follow() -> None:
+        with AtriumClient(f"http://127.0.0.1:{port}", "demo-api-key") as client:
+            for event in client.events(area="hall"):
+                joined.set()
+                if event.name == "alert":
+                    told.append(event.data["id"])
+                if told[-1:] == ["a-3"]:
+                    return
+
+    with Bus([endpoint]) as bus:
+        publisher = bus.publisher(KEYS.alert("entrance"), Alert, cached=True, history=10)
+        with running(site, project, endpoint, port):
+            reader = threading.Thread(target=follow, daemon=True)
+            reader.start()
+            assert joined.wait(15.0)
+            for number in range(2):
+                publisher.publish(alert(number))
+                wait_until(lambda number=number: len(told) > number, 15.0, "the alert")  # type: ignore[misc]
+        publisher.publish(alert(2))
+        with running(site, project, endpoint, port):
+            with AtriumClient(f"http://127.0.0.1:{port}", "demo-api-key") as client:
+                wait_until(lambda: len(client.alerts()) == 3, 15.0, "the cached alerts")
+                assert [one.id for one in client.alerts_after("a-0")] == ["a-1", "a-2"]
+            wait_until(lambda: told[-1:] == ["a-2"], 20.0, "the alert missed meanwhile")
+            publisher.publish(alert(3))
+            reader.join(15.0)
+    broker.close()
+    assert told == ["a-0", "a-1", "a-2", "a-3"]
+
+
+def test_a_stream_waits_when_the_api_is_busy_and_gives_up_when_it_refuses(monkeypatch: pytest.MonkeyPatch) -> None:
+    pauses: list[float] = []
+    monkeypatch.setattr("atrium_client.client.time.sleep", pauses.append)
+    answers = [
+        httpx.Response(503, headers={"Retry-After": "5"}, json={"title": "Too many streams"}),
+        httpx.Response(502, text="<html>"),
+        httpx.Response(200, text="id: a-1\nevent: alert\ndata: {}\n\n"),
+        httpx.Response(403, json={"title": "Scope missing"}),
+    ]
+    asked: list[str] = []
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        asked.append(request.headers.get("Last-Event-ID", ""))
+        return answers[len(asked) - 1]
+
+    client = AtriumClient("http://x", "k", transport=httpx.MockTransport(answer))
+    events = client.events(after="a-0")
+    assert next(events) == Event("alert", {}, "a-1")
+    with pytest.raises(NotAllowed):
+        next(events)
+    assert asked == ["a-0", "a-0", "a-0", "a-1"]
+    assert pauses[0] == 5.0
+    assert pauses[-1] == 0.5, "once it works the pauses begin anew"
+
+
+def test_a_stream_without_loss_asks_for_every_event_since_and_says_when_they_are_gone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("atrium_client.client.time.sleep", lambda seconds: None)
+    answers = [
+        httpx.Response(200, text="id: 8\nevent: alert\ndata: {}\n\nid: 9\nevent: tracks\ndata: {}\n\n"),
+        httpx.Response(410, json={"title": "No longer held"}),
+    ]
+    asked: list[dict[str, str]] = []
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        asked.append(dict(request.url.params))
+        return answers[len(asked) - 1]
+
+    client = AtriumClient("http://x", "k", transport=httpx.MockTransport(answer))
+    events = client.events(kinds=["alert"], after="7", lossless=True)
+    assert next(events).id == "8"
+    with pytest.raises(AtriumError, match="410"):
+        next(events)
+    assert asked == [{"kinds": "alert", "from": "7"}, {"kinds": "alert", "from": "8"}]
+
+
+def test_errors_say_when_to_come_again_and_survive_a_proxys_page() -> None:
+    answers = {
+        "/v1/positions": httpx.Response(429, headers={"Retry-After": "3"}, json={"detail": "slow down"}),
+        "/v1/site": httpx.Response(502, text="<html>bad gateway"),
+    }
+    client = AtriumClient("http://x", transport=httpx.MockTransport(lambda request: answers[request.url.path]))
+    with pytest.raises(TryLater) as caught:
+        client.positions()
+    assert caught.value.retry_after == 3.0
+    with pytest.raises(AtriumError, match="bad gateway"):
+        client.site()
+
+
+def test_long_lists_are_asked_for_in_pages() -> None:
+    def answer(request: httpx.Request) -> httpx.Response:
+        first = int(request.url.params.get("cursor", "-1")) + 1
+        row: dict[str, Any] = {"state": "lost", "area": "a", "floor": "f", "zones": [], "probability": 1.0}
+        rows = [row | {"device": str(n), "t": 0.0, "age": 0.0} for n in range(first, min(first + 2, 5))]
+        return httpx.Response(200, json={"devices": rows, "next": str(first + 1) if first + 2 < 5 else None})
+
+    client = AtriumClient("http://x", transport=httpx.MockTransport(answer))
+    assert [row.device for row in client.devices()] == ["0", "1", "2", "3", "4"]
+
+
+words = st.text(st.characters(exclude_characters="\r\n", exclude_categories=["Cs"]), max_size=20)
+
+
+@given(st.lists(st.tuples(words, words, st.booleans()), max_size=10))
+def test_events_are_read_as_they_were_written(events: list[tuple[str, str, bool]]) -> None:
+    lines = []
+    for name, data, numbered in events:
+        lines += [": a comment", f"event: {name}", *(["id: 7"] if numbered else [])]
+        lines += [f"data: {msgspec.json.encode(data).decode()}", ""]
+    read = [event for event in parse(lines) if event is not None]
+    assert [(event.name, event.data, event.id == "7") for event in read] == events
+
+
+def test_what_the_readme_shows_runs(world: tuple[str, Bus], project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (project / "clients/python/README.md").read_text(encoding="utf-8")
+    first, second = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    with AtriumClient(world[0], "demo-api-key") as atrium:
+        seen(world, atrium)
+        exec(second, {"atrium": atrium, "Conflict": Conflict})
+        assert atrium.zone("entrance").name == "Main entrance"
+    shown = first.replace("http://127.0.0.1:8081", world[0])
+    shown = shown[: shown.index("    for event")]
+    exec(shown)
+    assert "phone-1 ground 9.0 1.0" in capsys.readouterr().out

@@ -1,0 +1,282 @@
+"""Who may come in beside the keys of the settings, how often, and what is written down about it."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from api_app import DEMO, Api, api
+from sqlalchemy import text
+from waiting import wait_until
+
+from services.api.admin.accounts import MOST_SESSIONS
+from services.api.admin.audit_log import AuditLog, Deed
+from services.api.admin.passwords import hash_password, is_password
+from services.api.settings import READ_SCOPES
+
+PASSWORD = "correct horse battery"
+ZONE = {"id": "vault", "floor": "ground", "points": [[1.0, 6.0], [4.0, 6.0], [4.0, 9.0]]}
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Api]:
+    monkeypatch.setattr("services.api.admin.passwords.LOG2_N", 4)
+    monkeypatch.setattr("services.api.admin.accounts.NOBODY", hash_password("whoever it is"))
+    with api(tmp_path) as made:
+        yield made
+
+
+def bearer(secret: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {secret}"}
+
+
+def issue(here: Api, **wanted: Any) -> dict[str, Any]:
+    reply = here.client.post("/v1/keys", json={"name": "guide-app", "scopes": ["positions"]} | wanted)
+    assert reply.status_code == 201, reply.text
+    told: dict[str, Any] = reply.json()
+    return told
+
+
+def sign_in(here: Api, role: str = "curator", name: str = "maria") -> dict[str, str]:
+    here.client.post("/v1/users", json={"name": name, "role": role, "password": PASSWORD})
+    reply = here.client.post("/v1/session", json={"user": name, "password": PASSWORD}, headers={"Authorization": ""})
+    assert reply.status_code == 200, reply.text
+    return bearer(reply.json()["token"])
+
+
+def stored(here: Api) -> str:
+    """All of the database as one text."""
+    with here.admin.engine.connect() as connection:
+        tables = ("api_keys", "api_users", "api_sessions", "api_audit", "api_definitions")
+        return "\n".join(str(row) for table in tables for row in connection.execute(text(f"SELECT * FROM {table}")))
+
+
+def test_a_key_is_told_once_opens_what_it_names_and_outlives_a_restart_but_not_its_end(
+    here: Api, tmp_path: Path
+) -> None:
+    key = issue(here)
+    secret = key["key"]
+    assert secret not in stored(here)
+    assert "key" not in here.client.get("/v1/keys").json()["keys"][0]
+    assert here.client.get("/v1/positions", headers=bearer(secret)).status_code == 200
+    refused = here.client.get("/v1/site", headers=bearer(secret))
+    assert (refused.status_code, refused.json()["allowed"]) == (403, "a key with the scope site")
+    with api(tmp_path) as later:
+        assert later.client.get("/v1/positions", headers={"Authorization": "", "X-API-Key": secret}).status_code == 200
+        assert later.client.delete(f"/v1/keys/{key['id']}").status_code == 204
+        assert later.client.get("/v1/positions", headers=bearer(secret)).status_code == 401
+        assert later.client.delete(f"/v1/keys/{key['id']}").status_code == 404
+
+
+def test_an_expired_key_opens_nothing_and_says_why(here: Api) -> None:
+    secret = issue(here, expires=time.time() + 0.3)["key"]
+    assert here.client.get("/v1/positions", headers=bearer(secret)).status_code == 200
+    wait_until(lambda: here.client.get("/v1/positions", headers=bearer(secret)).status_code == 401, 5.0, "its end")
+    assert here.client.get("/v1/positions", headers=bearer(secret)).json()["found"] == "a key that has expired"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "field"),
+    [
+        ({"scopes": []}, "scopes"),
+        ({"scopes": ["everything"]}, "scopes"),
+        ({"expires": 1.0}, "expires"),
+        ({"expires": 1e999}, "body"),
+        ({"expires": "tomorrow"}, "expires"),
+        ({"rate": 0.0}, "rate"),
+        ({"name": ""}, "name"),
+        ({"name": "a\x00b"}, "name"),
+        ({"name": " "}, "name"),
+        ({"secret": "mine"}, "secret"),
+    ],
+)
+def test_a_key_that_makes_no_sense_is_refused_by_field(here: Api, wanted: dict[str, Any], field: str) -> None:
+    body = str({"name": "guide-app", "scopes": ["positions"]} | wanted).replace("'", '"').replace("\\x00", "\\u0000")
+    reply = here.client.post("/v1/keys", content=body)
+    assert reply.status_code == 422, reply.text
+    assert reply.json()["field"].startswith(field)
+    assert here.client.get("/v1/keys").json()["keys"] == []
+
+
+def test_nobody_gives_away_more_than_they_have(here: Api) -> None:
+    clerk = bearer(issue(here, scopes=["accounts", *READ_SCOPES])["key"])
+    beyond = here.client.post("/v1/keys", json={"name": "x", "scopes": ["audit"]}, headers=clerk)
+    assert (beyond.status_code, beyond.json()["field"]) == (403, "scopes")
+    admin = {"name": "x", "role": "admin", "password": PASSWORD}
+    assert here.client.post("/v1/users", json=admin, headers=clerk).status_code == 403
+    assert here.client.post("/v1/users", json=admin | {"role": "viewer"}, headers=clerk).status_code == 201
+    assert here.client.put("/v1/users/x", json={"role": "admin"}, headers=clerk).status_code == 403
+    here.client.post("/v1/users", json=admin | {"name": "boss"})
+    assert here.client.put("/v1/users/boss", json={"password": PASSWORD}, headers=clerk).status_code == 403
+    assert here.client.get("/v1/users", headers=bearer(issue(here)["key"])).status_code == 403
+
+
+@pytest.mark.parametrize(
+    ("role", "may_draw", "may_let_in"),
+    [("viewer", 403, 403), ("guard", 403, 403), ("curator", 201, 403), ("admin", 201, 200)],
+)
+def test_staff_may_do_what_their_role_says(here: Api, role: str, may_draw: int, may_let_in: int) -> None:
+    token = sign_in(here, role)
+    assert here.client.get("/v1/positions", headers=token).status_code == 200
+    assert here.client.post("/v1/zones", json=ZONE, headers=token).status_code == may_draw
+    assert here.client.get("/v1/users", headers=token).status_code == may_let_in
+    me = here.client.get("/v1/session", headers=token).json()
+    assert (me["name"], me["role"]) == ("maria", role)
+    assert 11.9 < (me["expires"] - time.time()) / 3600.0 < 12.1
+
+
+def test_a_sign_in_ends_when_one_leaves_or_is_changed_or_taken_out(here: Api, tmp_path: Path) -> None:
+    token, other = sign_in(here), sign_in(here)
+    assert token["Authorization"].split()[1] not in stored(here)
+    with api(tmp_path) as later:
+        assert later.client.get("/v1/session", headers=token).status_code == 200
+    assert here.client.delete("/v1/session", headers=token).status_code == 204
+    assert here.client.get("/v1/session", headers=token).status_code == 401
+    assert here.client.get("/v1/session", headers=other).status_code == 200
+    assert here.client.put("/v1/users/maria", json={"role": "viewer"}).status_code == 200
+    assert here.client.get("/v1/session", headers=other).status_code == 401
+    third = sign_in(here)
+    assert here.client.delete("/v1/users/maria").status_code == 204
+    assert here.client.get("/v1/session", headers=third).status_code == 401
+    assert here.client.delete("/v1/session").status_code == 409, "a key is not a sign-in"
+
+
+def test_one_changes_ones_own_password(here: Api) -> None:
+    token = sign_in(here)
+    wrong = {"password": "not this one", "new_password": "another password"}
+    assert here.client.put("/v1/session/password", json=wrong, headers=token).status_code == 401
+    right = wrong | {"password": PASSWORD}
+    assert here.client.put("/v1/session/password", json=right, headers=token).status_code == 200
+    assert here.client.get("/v1/session", headers=token).status_code == 401
+    for password, status in ((PASSWORD, 401), ("another password", 200)):
+        assert here.client.post("/v1/session", json={"user": "maria", "password": password}).status_code == status
+
+
+def test_guessing_is_slowed_down_for_the_name_and_for_the_address(here: Api) -> None:
+    def attempt(name: str) -> Any:
+        return here.client.post("/v1/session", json={"user": name, "password": "wrong"}, headers={"Authorization": ""})
+
+    assert [attempt("maria").status_code for _ in range(10)] == [401] * 10
+    slowed = attempt("maria")
+    assert (slowed.status_code, 20 < int(slowed.headers["Retry-After"]) <= 30) == (429, True)
+    assert [attempt(f"nobody-{n}").status_code for n in range(90)] == [401] * 90, "others may go on for a while"
+    assert attempt("otto").status_code == 429
+    noted = here.client.get("/v1/audit?action=POST").json()["entries"]
+    assert [(e["who"], e["subject"], e["status"]) for e in noted[:1]] == [("nobody-89", "/v1/session", 401)]
+    assert len(noted) == 100, "what was not tried is not written down"
+
+
+def test_only_so_many_sign_ins_of_one_person_are_kept(here: Api) -> None:
+    here.admin.accounts.let_in("maria", "viewer", PASSWORD)
+    tokens = [here.admin.accounts.sign_in("maria", "viewer").token for _ in range(MOST_SESSIONS + 2)]
+    alive = [here.client.get("/v1/session", headers=bearer(token)).status_code == 200 for token in tokens]
+    assert alive == [False] * 2 + [True] * MOST_SESSIONS
+
+
+def test_what_is_kept_of_a_password_tells_nothing_and_knows_it_again() -> None:
+    kept = hash_password("ﬁsh and chips")
+    assert "fish" not in kept
+    assert kept != hash_password("ﬁsh and chips")
+    assert is_password("fish and chips", kept), "the same letters, typed as other code points"
+    assert not is_password("Fish and chips", kept)
+    assert hash_password("x" * 10).startswith("scrypt$15$8$1$")
+    with pytest.raises(ValueError, match="unknown kind"):
+        is_password("x", "md5$1$1$1$eA==$eA==")
+
+
+def test_a_key_may_ask_so_often_and_no_more_but_others_go_on(here: Api) -> None:
+    slow, quick = (issue(here, rate=rate)["key"] for rate in (0.25, 1000.0))
+    assert here.client.get("/v1/positions", headers=bearer(slow)).status_code == 200
+    refused = here.client.get("/v1/positions", headers=bearer(slow))
+    assert (refused.status_code, refused.headers["Retry-After"]) == (429, "4")
+    assert {here.client.get("/v1/positions", headers=bearer(quick)).status_code for _ in range(50)} == {200}
+    assert {here.client.get("/v1/positions").status_code for _ in range(50)} == {200}
+
+
+def test_every_change_and_every_look_up_is_written_down_once_with_who_and_what(here: Api) -> None:
+    here.people(("phone-1", 2.0, 7.0))
+    guide = issue(here)
+    assert here.client.get("/v1/positions", headers=bearer(guide["key"])).status_code == 200
+    for _ in range(5):
+        assert here.client.get("/v1/positions/phone-1", headers=bearer(guide["key"])).status_code == 200
+    assert here.client.get("/v1/positions/phone-9", headers=bearer(guide["key"])).status_code == 404
+    token = sign_in(here)
+    here.client.post("/v1/zones", json=ZONE, headers=token)
+    here.client.put("/v1/zones/vault", json=ZONE | {"name": "Vault"}, headers=token)
+    here.client.put("/v1/zones/vault", json=ZONE | {"floor": "nowhere"}, headers=token)
+    here.client.delete("/v1/zones/vault", headers=token)
+    page = here.client.get("/v1/audit").json()
+    who = f"guide-app ({guide['id']})"
+    assert [(e["who"].split(" (s-")[0], e["action"], e["subject"], e["times"]) for e in reversed(page["entries"])] == [
+        ("demo", "POST", f"/v1/keys/{guide['id']}", 1),
+        ("demo", "POST", "/v1/users", 1),
+        ("maria", "POST", "/v1/session", 1),
+        ("maria", "POST", "/v1/zones/vault", 1),
+        ("maria", "PUT", "/v1/zones/vault", 1),
+        ("maria", "DELETE", "/v1/zones/vault", 1),
+        (who, "GET", "/v1/positions/phone-1", 5),
+    ]
+    assert '"name":"Vault"' in page["entries"][1]["detail"], "what there was before"
+    assert PASSWORD not in stored(here)
+    assert guide["key"] not in stored(here)
+
+
+def test_the_audit_log_is_read_in_pages_by_those_who_may(here: Api) -> None:
+    for number in range(5):
+        here.client.post("/v1/zones", json=ZONE | {"id": f"z{number}"})
+    first = here.client.get("/v1/audit?limit=3").json()
+    rest = here.client.get(f"/v1/audit?limit=3&before={first['before']}").json()
+    subjects = [entry["subject"] for page in (first, rest) for entry in page["entries"]]
+    assert subjects == [f"/v1/zones/z{number}" for number in (4, 3, 2, 1, 0)]
+    assert rest["before"] is None
+    assert here.client.get("/v1/audit?who=x' OR 1=1 --").json()["entries"] == []
+    assert here.client.get("/v1/audit?who=%00").json()["entries"] == []
+    assert here.client.get("/v1/audit?limit=0").status_code == 422
+    assert here.client.get("/v1/audit", headers=sign_in(here)).status_code == 403
+
+
+def test_look_ups_within_a_minute_are_one_row_and_old_rows_are_forgotten(here: Api) -> None:
+    now = [1000.0]
+    log = AuditLog(here.admin.engine, days=1.0, clock=lambda: now[0])
+    deed = Deed("guide", "GET", "/v1/positions/phone-1", 200)
+    for at in (1000.0, 1030.0, 1059.0, 1061.0, 1062.0):
+        now[0] = at
+        log.look_up(deed)
+        log.keep()
+    rows = log.read(None, None, None, None, None, 10)
+    assert [(row["t"], row["times"]) for row in rows] == [(1030.0, 4), (1000.0, 1)]
+    now[0] = 1030.0 + 86400.0
+    log.keep()
+    assert [row["t"] for row in log.read(None, None, None, None, None, 10)] == [1030.0]
+
+
+def test_whom_a_withdrawn_phone_was_looked_up_by_stays_but_not_which_phone(here: Api) -> None:
+    here.people(("phone-1", 2.0, 7.0), ("phone-12", 3.0, 7.0))
+    for path in ("/phone-1", "/phone-12", "/phone-1/exhibits", "?device=phone-1", "?device=phone-12"):
+        assert here.client.get(f"/v1/positions{path}").status_code == 200
+    assert here.admin.keep() is None
+    here.client.get("/v1/positions/phone-1")
+    here.admin.erase("phone-1")
+    assert here.admin.keep() is None
+    subjects = sorted(entry["subject"] for entry in here.client.get("/v1/audit").json()["entries"])
+    assert subjects == [
+        "(erased)",
+        "/v1/positions/(erased)",
+        "/v1/positions/(erased)",
+        "/v1/positions/phone-12",
+        "/v1/positions?device=phone-12",
+    ]
+
+
+def test_nobody_is_looked_up_unseen_when_the_log_cannot_be_written(here: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.api.admin.audit_log.MOST_OPEN", 2)
+    here.people(("a", 2.0, 7.0), ("b", 3.0, 7.0), ("c", 4.0, 7.0))
+    statuses = [here.client.get(f"/v1/positions/{device}").status_code for device in "abca"]
+    assert statuses == [200, 200, 503, 200]
+    assert here.client.get("/v1/positions").status_code == 200
+
+
+def test_the_demo_key_still_may_do_everything(here: Api) -> None:
+    assert here.client.get("/v1/session", headers=DEMO).json()["role"] is None
+    assert here.client.post("/v1/zones", json=ZONE).status_code == 201
