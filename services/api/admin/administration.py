@@ -31,6 +31,7 @@ from services.api.problems import unknown
 from services.api.replies import ZoneReport, Zones
 from services.api.settings import ApiSettings
 from services.api.site_view import site_view, zone_view
+from services.api.viewing_places import viewing_places
 from services.api.zones_drawn import ZonesDrawn, zones_of
 from shared.bus import Publisher
 from shared.database import unreachable
@@ -99,6 +100,11 @@ class Administration:
         self.live.draw(ZonesDrawn([entry.definition for entry in entries], [entry.etag for entry in entries]))
         zones = [zone_view(entry.definition) for entry in entries]
         self.site_json = msgspec.json.encode(msgspec.structs.replace(self._view, zones=zones))
+
+    def viewing_places(self) -> list[ZoneDefinition]:
+        """Return where people stand who look at the exhibits, an area for each: what dwell at exhibits is asked of."""
+        exhibits = self.exhibits.definitions
+        return [place for floor in self.site.floors for place in viewing_places(exhibits, floor.id, floor.plan())]
 
     def erase(self, device: str) -> None:
         """Forget, at the next ``keep``, who looked up a device whose owner withdrew consent."""

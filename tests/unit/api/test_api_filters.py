@@ -158,3 +158,15 @@ def test_a_read_that_did_not_change_is_not_sent_again(here: Api) -> None:
     second = here.client.get("/v1/positions", headers={"If-None-Match": first.headers["ETag"]})
     assert second.status_code == 200
     assert here.client.get("/v1/positions", headers={"If-None-Match": "*x"}).status_code == 200
+
+
+def test_what_one_origin_is_told_no_other_request_gets(tmp_path: Path) -> None:
+    with api(tmp_path, cors_origins=["https://map.example.org"]) as here:
+        page = here.client.get("/v1/site", headers={"Origin": "https://map.example.org"})
+        assert page.headers["Access-Control-Allow-Origin"] == "https://map.example.org"
+        again = here.client.get("/v1/site")
+        assert again.headers["ETag"] == page.headers["ETag"]
+        assert "Access-Control-Allow-Origin" not in again.headers
+        asked = {"Origin": "https://map.example.org", "Access-Control-Request-Method": "PUT", "Authorization": ""}
+        allowed = here.client.options("/v1/zones/a", headers=asked | {"Access-Control-Request-Headers": "if-match"})
+        assert allowed.status_code == 200
