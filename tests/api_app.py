@@ -75,6 +75,11 @@ class Api:
         )
         self.client = TestClient(self.app, headers=DEMO, raise_server_exceptions=False)
 
+    def close_database(self) -> None:
+        """Close the file, so that it may be moved away or back."""
+        for engine in (self.admin.engine, self.alerts._engine):
+            engine.dispose()
+
     def people(self, *places: tuple[str | None, float, float], **columns: Any) -> None:
         """Let people be seen at (device, x, y) on the hall's ground floor, now."""
         now = time.time()

@@ -105,7 +105,7 @@ def create_app(
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
     app.include_router(calibration_routes(site, settings.site_file, ask, learning))
-    app.include_router(history_reads(site, history))
+    app.include_router(history_reads(site, history, admin.viewing_places))
     app.include_router(erasure_reads(erasures))
     log = streams(site, live, hub, alerts.past, settings.stream_patience)
     for router in (log, *alerts.routers(hub, lambda: live.zones.ids)):

@@ -60,6 +60,7 @@ CHANGES: dict[str, Scope] = {
     "exhibits": "zones-admin",
     "learning": "learning-admin",
     "alerts": "acknowledge",
+    "access-points": "setup",
 }
 """What anything but a read asks for there."""
 ADMIN_READS = frozenset({"/v1/learning/export"})
@@ -216,6 +217,8 @@ _MAY_NOT: dict[Scope, str] = {
     "audit": "read the audit log",
     "acknowledge": "acknowledge alerts",
     "webhooks": "see or change webhooks",
+    "setup": "change how the site is set up",
+    "stills": "see pictures of cameras",
 }
 
 

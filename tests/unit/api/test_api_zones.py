@@ -255,12 +255,12 @@ def test_exhibits_are_kept_like_zones(tmp_path: Path) -> None:
 def test_a_database_that_went_away_refuses_changes_and_loses_none(tmp_path: Path) -> None:
     with api(tmp_path) as here:
         assert here.client.post("/v1/zones", json=VAULT).status_code == 201
-        here.admin.engine.dispose()
+        here.close_database()
         (tmp_path / "api.db").rename(tmp_path / "away.db")
         reply = here.client.post("/v1/zones", json=VAULT | {"id": "other"})
         assert (reply.status_code, reply.headers["Retry-After"]) == (503, "5")
         assert "other" not in names(here)
-        here.admin.engine.dispose()
+        here.close_database()
         (tmp_path / "away.db").rename(tmp_path / "api.db")
         assert here.client.post("/v1/zones", json=VAULT | {"id": "other"}).status_code == 201
 
