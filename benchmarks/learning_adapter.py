@@ -33,7 +33,7 @@ from services.learning.loop import LearningLoop
 from services.learning.proposal import Proposal
 from services.learning.radio.lessons import RadioLessons
 from services.learning.tracks.stretch import Stretch
-from services.learning.trials import Inline
+from services.learning.trials import Inline, Pace
 from services.learning.walking.stride_lessons import StrideLessons
 from shared.learning_report import Activation
 from shared.messages import Message, RadioModelUpdate, StrideModel, TrackFrame
@@ -160,10 +160,16 @@ class Teacher:
         active: the area with the radio that is live.
         tracker: name of the tracker that runs.
         ask: tries a candidate; None: fusion's own trial of ``tracker``, here and at once.
+        pace: how often what is done; None: as the service, but without rest after trials: it is of machine time.
     """
 
     def __init__(
-        self, site: Site, active: AreaView, tracker: str, ask: Callable[[bytes], Mapping[str, Any]] | None = None
+        self,
+        site: Site,
+        active: AreaView,
+        tracker: str,
+        ask: Callable[[bytes], Mapping[str, Any]] | None = None,
+        pace: Pace | None = None,
     ) -> None:
         self.active = active
         self._tracker = tracker
@@ -173,7 +179,7 @@ class Teacher:
         area = active.area
         tools = Tools(self._pictures, self._ask, Inline(), lambda seconds: None)
         tracks, lessons = areas_of(site, [area]), lessons_of(site, [area], tools)
-        self._loop = LearningLoop(tracks, lessons, Gate(), ModelStore(in_memory()), self._ask, self._live)
+        self._loop = LearningLoop(tracks, lessons, Gate(), ModelStore(in_memory()), self._ask, self._live, pace)
         if active.shadowing is not None:
             known = RadioModelUpdate(t=0.0, area=area, version=0, model=_file(active))
             tracks[area].activated(known)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from numpy.typing import NDArray
 from rich.progress import Progress
 
 from benchmarks.experiment import Experiment, Figures, Options, in_parallel
@@ -30,7 +31,9 @@ from services.simulator.seeds import generator
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-__all__ = ["EXPERIMENT", "WORLDS", "Bout", "draw_gate", "gate_figures", "main", "try_world"]
+__all__ = ["EXPERIMENT", "WORLDS", "Bout", "change_of", "draw_gate", "gate_figures", "main", "try_world"]
+
+Array = NDArray[np.float64]
 
 WORLDS = ("construction-1", "museum", "construction-2", "museum") * 4 + ("museum",)
 EACH = 2
@@ -55,12 +58,14 @@ class Bout:
         gain: nats per withheld reading in the trial.
         live: whether the gate let it in.
         change: of the error in the test part by going live, as a share; negative is better.
+        doubt: its standard error, by a jackknife over minutes.
     """
 
     kind: str
     gain: float
     live: bool
     change: float
+    doubt: float = 0.0
 
 
 def try_world(name: str, number: int, seed: int) -> list[Bout]:
@@ -95,16 +100,28 @@ def _bout(kind: str, record: WorldRecord, rng: np.random.Generator) -> Bout:
     begins = [TAUGHT + number * LOOK for number in range(LOOKS)]
     looks = ((part_of(record, begin - BEFORE, begin + LOOK), EPOCH + begin) for begin in begins)
     ruling = ruling_on(looks, DEFAULT_TRACKER, active, candidate)
-    before, after = (_error(part_of(record, END - TEST, END), view, liar) for view in (active, candidate))
-    return Bout(kind, ruling.gain or 0.0, ruling.outcome == "activate", after / before - 1.0)
+    before, after = (_errors(part_of(record, END - TEST, END), view, liar) for view in (active, candidate))
+    change, doubt = change_of(before, after)
+    return Bout(kind, ruling.gain or 0.0, ruling.outcome == "activate", change, doubt)
 
 
-def _error(record: WorldRecord, view: AreaView, liar: str | None) -> float:
-    """Return the mean error in a minute, metres, of all but a malicious phone's carrier."""
+def change_of(before: Array, after: Array) -> tuple[float, float]:
+    """Return by which share mean errors (minutes, people) change, NaN where nobody was, and its standard error."""
+    fine = np.isfinite(before) & np.isfinite(after)
+    sums = np.array([np.where(fine, one, 0.0).sum(axis=1) for one in (before, after)])
+    change = float(sums[1].sum() / sums[0].sum()) - 1.0
+    left_out = sums.sum(axis=1, keepdims=True) - sums
+    without = left_out[1] / left_out[0] - 1.0
+    minutes = len(without)
+    return change, float(np.sqrt((minutes - 1) / minutes * ((without - without.mean()) ** 2).sum()))
+
+
+def _errors(record: WorldRecord, view: AreaView, liar: str | None) -> Array:
+    """Return the error in each minute, metres, of all but a malicious phone's carrier; NaN: out of view."""
     truth = record.truth
     errors = window_rmse(truth, named_positions(truth, run_fusion(record, view=view).frames), centre_of(record.view))
     honest = [truth.device[place] != liar for place in truth.carriers()]
-    return float(np.nanmean(errors.rmse[:, honest]))
+    return errors.rmse[:, honest]
 
 
 def _changed(scenario: Scenario, change: PowerChange) -> Scenario:
@@ -122,6 +139,7 @@ def gate_figures(bouts: Sequence[Bout]) -> dict[str, float | None]:
     """Return ``worst_loss``, ``good_activated`` and how many of which kind went live."""
     live = [bout for bout in bouts if bout.live]
     good = [bout for bout in bouts if bout.change < -BETTER]
+    sure = [bout for bout in bouts if bout.change + 2.0 * bout.doubt < -BETTER]
     figures: dict[str, float | None] = {
         "worst_loss": max((bout.change for bout in live), default=0.0),
         "good_activated": sum(bout.live for bout in good) / len(good) if good else None,
@@ -130,6 +148,10 @@ def gate_figures(bouts: Sequence[Bout]) -> dict[str, float | None]:
         "good": len(good),
         "bad": sum(bout.change > WORSE for bout in bouts),
         "bad_activated": sum(bout.change > WORSE for bout in live),
+        "surely_good": len(sure),
+        "surely_good_activated": sum(bout.live for bout in sure) / len(sure) if sure else None,
+        "surely_bad_activated": sum(bout.change - 2.0 * bout.doubt > WORSE for bout in live),
+        "doubt": float(np.median([bout.doubt for bout in bouts])),
     }
     for kind in KINDS:
         mine = [bout.live for bout in bouts if bout.kind == kind]
@@ -183,7 +205,8 @@ found, or what was learned before the change. Kinds: learned since the change; t
 6 dB; learned with everybody's names swapped; stale (from before the change); from one minute only; with one phone that
 invents its radio (its carrier's error does not count). `worst_loss`: the largest share by which a model that went live
 raised the test error; `good_activated`: the share of candidates more than 5 % better that went live; ten minutes of
-four or five people tell changes of a few percent from chance only just.""",
+four or five people tell changes of a few percent from chance only just: `doubt` is the median standard error of such a
+change (a jackknife over minutes), `surely_…` counts those that are two of them beyond the limit.""",
     at_most={"worst_loss": 0.02},
     at_least={"good_activated": 0.8},
     picture="Gain in the trial against the change of the test error; filled: went live.",

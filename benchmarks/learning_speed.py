@@ -26,6 +26,8 @@ from services.fusion.chunks import period_of
 from services.fusion.registry import DEFAULT_TRACKER, make_tracker
 from services.fusion.rescore.worker import rescore
 from services.fusion.tracker import Chunk
+from services.learning.settings import REST, URGENT_REST
+from services.learning.trials import Pace
 from shared.messages import DetectionFrame, Message, MotionBatch, RadioScan, Revision, TrackFrame
 
 mpl.use("Agg")
@@ -90,8 +92,8 @@ class Trying:
             self.spent += time.process_time() - begun
             if told["error"]:
                 raise ExperimentError(f"a candidate cannot be tried: {told['error']}")
-            self._answer = told
             self.seconds = self.spent * RECENT / (chunks[-1].t_end - chunks[0].t_start)
+            self._answer = {**told, "took": self.seconds}
         return self._answer
 
 
@@ -178,7 +180,8 @@ def run(options: Options, progress: Progress) -> Figures:
     record, view = made.pop(area), AreaView.of(site, area)
     messages = [message for _, message in heard_of(record, run_fusion(record))]
     trying = Trying(list(chunks_of(record, period_of(make_tracker(DEFAULT_TRACKER, view).cycle))), view)
-    cost = cost_of(Teacher(site, view, DEFAULT_TRACKER, trying), trying, messages, ROUNDS, progress)
+    pace = Pace(rest=REST, urgent_rest=URGENT_REST)
+    cost = cost_of(Teacher(site, view, DEFAULT_TRACKER, trying, pace), trying, messages, ROUNDS, progress)
     total = np.array(cost.taking) + np.array(cost.looking)
     late = np.arange(len(total)) >= len(total) // 2
     hours = np.arange(len(total))[late] * SECONDS / 3600.0
@@ -222,7 +225,8 @@ EXPERIMENT = Experiment(
 seconds of a world, told again and again), through the learning loop itself without a bus: processor time for messages
 and for looks, over event time: `loop_share`. The tracks were made beforehand and are not counted. What candidates cost
 to be tried is fusion's process of the lowest priority: one is tried in earnest on a round, the time taken for the five
-minutes that fusion keeps, and counted as often as candidates are to be tried: `trials_share`, in `core_share` too.""",
+minutes that fusion keeps, and counted as often as the service, which rests after each, tries one: `trials_share`, in
+`core_share` too.""",
     at_most={"core_share": 0.25},
     picture="Share of a core and resident memory over the hour.",
 )

@@ -75,7 +75,7 @@ class Keys:
         return f"{self.root}/occupancy"
 
     def history(self) -> str:
-        """Queryable: a question about the past (``shared.history_query``) → its answer."""
+        """Queryable: a question about the past (``shared.history_query``) → its answer; MessagePack."""
         return f"{self.root}/history/query"
 
     def still(self, camera: str = "*") -> str:
@@ -83,7 +83,7 @@ class Keys:
         return f"{self.root}/camera/{_part(camera)}/still"
 
     def erased(self, device: str = "*", service: str = "*") -> str:
-        """Erased: a store has forgotten a device whose owner withdrew consent; cached."""
+        """ErasureDone: a store has forgotten a device whose owner withdrew consent; cached."""
         return f"{self.root}/erased/{_part(device)}/{_part(service)}"
 
     def stride_model(self, device: str = "*") -> str:

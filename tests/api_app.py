@@ -17,7 +17,9 @@ from services.api.admin.database import migrate
 from services.api.alerts.database import migrate as migrate_alerts
 from services.api.alerts.office import AlertOffice
 from services.api.app import create_app
+from services.api.erasures import ErasureBoard
 from services.api.event_log import EventLog
+from services.api.history_link import HistoryLink
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
 from services.api.replies import HealthReport
@@ -70,7 +72,10 @@ class Api:
         shutil.copy(_tables(), folder / "alerts.db")
         apart = settings.model_copy(update={"api_database_url": SecretStr(f"sqlite:///{folder}/alerts.db")})
         self.alerts = AlertOffice(apart, site, lambda _: None, lambda _: None)
-        self.app = create_app(settings, site, self.live, hub, lambda _: empty, link, self.admin, self.alerts)
+        past = HistoryLink(Keys("hall"), lambda *_: None)
+        self.app = create_app(
+            settings, site, self.live, hub, lambda _: empty, link, past, ErasureBoard(), self.admin, self.alerts
+        )
         self.client = TestClient(self.app, headers=DEMO, raise_server_exceptions=False)
 
     def people(self, *places: tuple[str | None, float, float], **columns: Any) -> None:

@@ -17,6 +17,10 @@ from services.api.admin.administration import Administration, admin_routes
 from services.api.admin.audit_layer import Audited
 from services.api.alerts.office import AlertOffice
 from services.api.auth import Guard, KeyRing
+from services.api.calibration_routes import calibration_routes
+from services.api.erasures import ErasureBoard, erasure_reads
+from services.api.history_link import HistoryLink
+from services.api.history_reads import history_reads
 from services.api.hot_reads import HotReads
 from services.api.learning_link import LearningLink
 from services.api.learning_maps import learning_maps
@@ -46,9 +50,12 @@ def create_app(
     hub: Hub,
     health: Callable[[float], HealthReport],
     learning: LearningLink,
+    history: HistoryLink,
+    erasures: ErasureBoard,
     admin: Administration,
     alerts: AlertOffice,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
+    ask: Callable[[str, float, bytes | None], bytes | None] = lambda *_: None,
 ) -> FastAPI:
     """Return the application.
 
@@ -59,9 +66,12 @@ def create_app(
         hub: where stream readers join; it is told of acknowledgements.
         health: makes the health report of one moment.
         learning: asks the learning service.
+        history: asks the history service.
+        erasures: who withdrew consent and where that was carried out.
         admin: zones, exhibits, keys and people.
         alerts: the inbox and the webhooks.
         lifespan: runs around the life of the server.
+        ask: sends a query over the bus: key, seconds to wait, payload; None where nobody answers.
     """
     sources: dict[str, Callable[[float], bytes]] = {
         "/v1/positions": live.positions_json,
@@ -94,6 +104,9 @@ def create_app(
     app.include_router(admin_routes(admin))
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
+    app.include_router(calibration_routes(site, settings.site_file, ask, learning))
+    app.include_router(history_reads(site, history))
+    app.include_router(erasure_reads(erasures))
     log = streams(site, live, hub, alerts.past, settings.stream_patience)
     for router in (log, *alerts.routers(hub, lambda: live.zones.ids)):
         app.include_router(router)

@@ -8,6 +8,8 @@ import msgspec
 
 from services.api.admin.examples import ADMIN_EXAMPLES, RULE
 from services.api.alerts.examples import ALERT_EXAMPLES
+from services.api.calibration_replies import CALIBRATION_EXAMPLES
+from services.api.history_examples import HISTORY_EXAMPLES
 from services.api.learning_examples import LEARNING_EXAMPLES
 from services.api.replies import (
     Cameras,
@@ -67,6 +69,8 @@ _ZONE: dict[str, Any] = {
 
 EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     **LEARNING_EXAMPLES,
+    **CALIBRATION_EXAMPLES,
+    **HISTORY_EXAMPLES,
     **ALERT_EXAMPLES,
     **ADMIN_EXAMPLES,
     ZoneReport: _ZONE,

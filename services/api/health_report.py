@@ -14,6 +14,7 @@ _MEANS = {
     "fusion": "nobody is tracked",
     "geofence": "no alerts are raised",
     "learning": "nothing new is learned",
+    "history": "what happens is not kept",
 }
 
 

@@ -19,10 +19,10 @@ _ALLOWED = {
     "confidence": "a number from 0 to 1",
     "limit": "a whole number from 1 to 1000",
     "before": "seconds since the epoch (UTC), a finite number such as 1767225600.0",
+    "until": "seconds since the epoch (UTC), a finite number such as 1767225600.0",
     "kind": "radio, detector, stride, heading or alignment",
     "acknowledged": "true or false",
     "letter": "the id of a dead letter, a whole number",
-    "until": "seconds since the epoch (UTC), a finite number such as 1767225600.0",
     "since": "seconds since the epoch (UTC), a finite number such as 1767225600.0",
 }
 

@@ -17,8 +17,10 @@ from services.api.admin.administration import Administration
 from services.api.alerts.inbox import Told
 from services.api.alerts.office import AlertOffice
 from services.api.app import create_app
+from services.api.erasures import ErasureBoard
 from services.api.event_log import EventLog
 from services.api.health_report import Presence, health_report
+from services.api.history_link import HistoryLink
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
 from services.api.replies import HealthReport
@@ -57,6 +59,7 @@ class ApiService(Service[ApiSettings]):
         self._presence = Presence()
         self._told: list[str] = []
         self._learning = LearningLink(self.keys, self._ask_once)
+        self._erasures = ErasureBoard()
         self._admin = Administration.open(
             settings, site, self._live, bus.publisher(self.keys.zones(), ZoneSet, cached=True)
         )
@@ -89,6 +92,7 @@ class ApiService(Service[ApiSettings]):
         inbox.subscribe(self.keys.alert(), Alert, cached=True)
         inbox.subscribe(self.keys.occupancy(), Occupancy, newest=True)
         inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
+        inbox.subscribe(self.keys.erased(), ErasureDone, cached=True)
         inbox.subscribe(self.keys.camera_status(), CameraStatus, cached=True)
         app = create_app(
             self.settings,
@@ -97,9 +101,12 @@ class ApiService(Service[ApiSettings]):
             self._hub,
             self._health_report,
             self._learning,
+            HistoryLink(self.keys, self._ask_once),
+            self._erasures,
             self._admin,
             self._alerts,
             self._lifespan,
+            self._ask_once,
         )
         settings = self.settings
         serve(app, settings.api_host, settings.api_port, self.stopping, stalled_after=2.0 * settings.stream_patience)
@@ -207,7 +214,10 @@ class ApiService(Service[ApiSettings]):
                     self._hub.send("revision", message.area, told_anew, message.area)
             elif isinstance(message, Occupancy):
                 self._hub.send("occupancy", "", message)
+            elif isinstance(message, ErasureDone):
+                self._erasures.take(message)
             elif isinstance(message, Erasure):
+                self._erasures.take(message)
                 self._live.erase(message.device)
                 self._admin.erase(message.device)
                 self._learning.forget()

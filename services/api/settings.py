@@ -29,11 +29,14 @@ Scope = Literal[
     "audit",
     "acknowledge",
     "webhooks",
+    "stills",
+    "setup",
 ]
 """What a key may read: positions and tracks; alerts; the site, its zones and cameras; health; what is learned. And what
 it may do: ``learning-admin`` rolls models back, freezes learning, takes models out and brings them in; ``zones-admin``
 draws zones and exhibits; ``accounts`` issues keys and lets people in; ``audit`` reads who did what; ``acknowledge``
-notes who looked at an alert; ``webhooks`` says where alerts are sent."""
+notes who looked at an alert; ``webhooks`` says where alerts are sent; ``stills``
+sees pictures of cameras; ``setup`` saves calibrations and places of access points."""
 ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
 READ_SCOPES: tuple[Scope, ...] = ("positions", "alerts", "site", "health", "learning")
 
@@ -128,7 +131,8 @@ class ApiSettings(ServiceSettings):
 
     stale_after: float = Field(3.0, gt=0, le=3600, description="seconds without tracks until health tells of it")
     expected_services: list[str] = Field(
-        ["camera", "gateway", "fusion", "geofence", "learning"], description="services whose absence is a problem"
+        ["camera", "gateway", "fusion", "geofence", "learning", "history"],
+        description="services whose absence is a problem",
     )
 
     @field_validator("api_keys")

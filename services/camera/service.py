@@ -24,6 +24,7 @@ from services.camera.scene_watch import SceneWatch, same_place
 from services.camera.settings import CameraSettings
 from services.camera.sources import open_source
 from services.camera.status import StatusBoard
+from services.camera.still_desk import StillDesk
 from shared.bus import Bus
 from shared.camera_limits import alignment_problem
 from shared.messages import CameraAlignment, CameraStatus, DetectionFrame, DetectorSettings
@@ -92,6 +93,7 @@ class CameraService(Service[CameraSettings]):
             lambda: self._watch.verdict or self._pipeline.doubt,
             settings.redetect_patience,
         )
+        self._stills = StillDesk(self._camera.id, settings.allow_stills, settings.still_minutes)
         self._alignment = np.eye(3)
         self._aligned, self._adopted = LearnedVersion("alignment"), LearnedVersion("detector settings")
         self._alignments = bus.inbox(100)
@@ -127,6 +129,7 @@ class CameraService(Service[CameraSettings]):
         self._status.refresh()
         self._models.subscribe(self.keys.detector_settings(self._camera.id), DetectorSettings, cached=True)
         self.bus.answer_questions(self.keys.redetect(self._camera.id), self._desk.take)
+        self.bus.answer_questions(self.keys.still(self._camera.id), self._stills.take)
         RING_BYTES.labels(self._camera.id).set_function(lambda: self._ring.held_bytes)
         self.health.ready.set()
         self._wait_for_listeners()
@@ -149,6 +152,7 @@ class CameraService(Service[CameraSettings]):
         """Stop, with whatever is being tried; the pictures are gone at once."""
         super().stop()
         self._desk.close()
+        self._stills.close()
         self._ring.clear()
 
     def _wait_for_listeners(self) -> None:
@@ -162,6 +166,7 @@ class CameraService(Service[CameraSettings]):
 
     def _take(self, frame: Frame) -> None:
         camera = self._camera.id
+        self._stills.offer(frame.image, frame.t)
         for delivery in self._models.receive(0.0):
             if isinstance(delivery.message, DetectorSettings):
                 self._adopt(delivery.message)

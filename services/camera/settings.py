@@ -42,3 +42,9 @@ class CameraSettings(ServiceSettings):
         description="PNG in which what the scene looks like without people outlives a restart; by default it is in "
         "memory only. Who stands unseen for long may leave a faint trace in it",
     )
+    allow_stills: bool = Field(
+        False,
+        description="whether pictures for calibration may leave this process at all, each time for still_minutes after "
+        "an operator opened it by name; off: none ever does",
+    )
+    still_minutes: float = Field(15.0, gt=0, le=60, description="how long stills stay open, with allow_stills")

@@ -17,8 +17,9 @@ from services.cli.launcher import Launcher, LauncherError, ProcessSpec
 from shared.bus import router
 from shared.settings import data_folder
 from shared.site import load_site
+from shared.site.setup_file import setup_path
 
-__all__ = ["Demo", "Ports", "find_site", "shipped_sites"]
+__all__ = ["Demo", "Ports", "SetupWatch", "find_site", "shipped_sites"]
 
 SITES = Path(__file__).resolve().parent.parent.parent / "deploy" / "sites"
 API_KEY = "demo-api-key"
@@ -60,6 +61,26 @@ def find_site(name: str) -> Path:
         if candidate.is_file():
             return candidate.resolve()
     raise LauncherError(f"--site {name}: no such site; shipped are {', '.join(shipped_sites())}, or name a site file")
+
+
+class SetupWatch:
+    """Tells when what is set up beside a site file was saved again."""
+
+    def __init__(self, site_file: Path) -> None:
+        self._path = setup_path(site_file)
+        self._known = self._stamp()
+
+    def changed(self) -> bool:
+        """Whether it was since this was asked last."""
+        known, self._known = self._known, self._stamp()
+        return known != self._known
+
+    def _stamp(self) -> tuple[int, int]:
+        try:
+            status = self._path.stat()
+        except OSError:
+            return 0, 0
+        return status.st_mtime_ns, status.st_ino
 
 
 class Demo:
@@ -134,6 +155,11 @@ class Demo:
             self.launcher.start(spec)
         self.launcher.wait_ready(timeout, stopping)
 
+    def start_again(self) -> None:
+        """Let the processes that read cameras and access points of the site file at their start do so anew."""
+        readers = ("camera-", "fusion", "learning", "api", "simulator")
+        self.launcher.start_again([name for name in self.launcher.processes() if name.startswith(readers)])
+
     def get(self, path: str) -> dict[str, Any]:
         """Return what the API says, decoded."""
         answer = httpx.get(self.api_url + path, headers={"Authorization": f"Bearer {API_KEY}"}, timeout=5.0)
@@ -152,7 +178,7 @@ class Demo:
         database = self._folder / f"{self.site.site}.db"
         kept = self._folder / f"{self.site.site}-api.db"
         models = self._folder / f"{self.site.site}-learning.db"
-        kept = self._folder / f"{self.site.site}-api.db"
+        past = self._folder / f"{self.site.site}-history"
         # For a fusion that is killed in mid-run; who was about in the demo before is nobody's business now.
         state = self._folder / f"{self.site.site}-state"
         shutil.rmtree(state, ignore_errors=True)
@@ -178,8 +204,16 @@ class Demo:
                 )
                 for area in self.site.areas
             ),
-            ("geofence", "services.geofence", {}),
+            ("geofence", "services.geofence", {"ATRIUM_STATE_FOLDER": str(state)}),
             ("learning", "services.learning", {"ATRIUM_LEARNING_DATABASE_URL": f"sqlite:///{models}"}),
+            (
+                "history",
+                "services.history",
+                {
+                    "ATRIUM_HISTORY_DATABASE_URL": f"sqlite:///{past}.db",
+                    "ATRIUM_HISTORY_SPOOL": str(past.with_name(past.name + "-spool")),
+                },
+            ),
             (
                 "api",
                 "services.api",

@@ -18,9 +18,10 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from services.cli import models, staff
+from services.cli import calibrate_lens as lens_command
+from services.cli import history, models, staff
 from services.cli import replay as player
-from services.cli.demo import API_KEY, Demo, Ports, find_site
+from services.cli.demo import API_KEY, Demo, Ports, SetupWatch, find_site
 from services.cli.launcher import LauncherError
 from services.cli.recorder import record as record_bus
 from services.cli.recording import Recording, RecordingError, check_writable
@@ -29,17 +30,19 @@ from shared.radio import RadioModelError
 from shared.runner import ServiceError
 from shared.settings import DEFAULT_ENDPOINT
 from shared.site import SiteError, load_site
+from shared.site.setup_file import read_setup, setup_path
 
 __all__ = ["app", "main"]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="Who is where, in metres, now.")
 app.add_typer(models.app, name="models")
+app.add_typer(history.app, name="history")
 app.add_typer(staff.app, name="staff")
 console = Console(highlight=False)
 
 SiteOption = Annotated[str, typer.Option("--site", help="a shipped site's name, a site file, or its folder")]
 BusOption = Annotated[str, typer.Option("--bus", help="endpoint of the Zenoh router")]
-SERVICES = ("api", "camera", "dashboard", "fusion", "gateway", "geofence", "learning", "simulator")
+SERVICES = ("api", "camera", "dashboard", "fusion", "gateway", "geofence", "history", "learning", "simulator")
 ROUTER_WITHIN = 10.0
 """Seconds a command waits for the router it is told to use."""
 QUIET = ("[info", "[debug")
@@ -213,8 +216,8 @@ def simulate(
 def migrate() -> None:
     """Bring the databases of all services up to date; run once before the services start.
 
-    ATRIUM_DATABASE_URL is the gateway's, ATRIUM_LEARNING_DATABASE_URL learning's, ATRIUM_API_DATABASE_URL the API's, by
-    default the same.
+    ATRIUM_DATABASE_URL is the gateway's; ATRIUM_LEARNING_DATABASE_URL is learning's, ATRIUM_HISTORY_DATABASE_URL
+    history's and ATRIUM_API_DATABASE_URL the API's, by default the same.
     """
     # Only this command needs the libraries of databases.
     from services.api.admin.database import migrate as migrate_api
@@ -222,18 +225,32 @@ def migrate() -> None:
     from services.api.settings import default_api_database_url
     from services.gateway.devices.database import migrate as migrate_gateway
     from services.gateway.settings import default_database_url
+    from services.history.database import migrate as migrate_history
+    from services.history.settings import default_history_database_url
     from services.learning.activation.database import migrate as migrate_learning
     from services.learning.settings import default_learning_database_url
 
     try:
         migrate_gateway(default_database_url())
         migrate_learning(default_learning_database_url())
+        migrate_history(default_history_database_url())
         migrate_api(default_api_database_url())
         migrate_alerts(default_api_database_url())
     except ServiceError as error:
         console.print(f"[red]{escape(str(error))}[/red]")
         raise typer.Exit(1) from None
     console.print("databases are up to date")
+
+
+@app.command("calibrate-lens")
+def calibrate_lens(
+    clip: Annotated[Path, typer.Argument(help="a video in which a checkerboard is moved through the whole picture")],
+    board: Annotated[str, typer.Option(help="its inner corners across and down: squares less one")] = "9x6",
+    site: Annotated[str | None, typer.Option(help="keep the lens beside this site file, with --camera")] = None,
+    camera: Annotated[str | None, typer.Option(help="the camera whose lens it is")] = None,
+) -> None:
+    """Find out how a camera's lens bends straight lines, before calibrating the camera in the browser."""
+    raise typer.Exit(lens_command.calibrate_lens(clip, board, site, camera, console))
 
 
 @app.command("site")
@@ -254,6 +271,10 @@ def check_site(site: Annotated[str, typer.Argument(help="a shipped site's name, 
             f"  camera {camera.id}: area {camera.area}, hangs at ({x:.1f}, {y:.1f}, {z:.1f}) m, {camera.source}"
         )
     console.print(f"  {len(found.access_points)} access points, {len(found.zones)} zones")
+    setup = read_setup(path)
+    if setup is not None:
+        over = [*setup.cameras, *setup.access_points]
+        console.print(f"  {setup_path(path).name}, version {setup.version}, goes over the file for {', '.join(over)}")
     nowhere = [point.id for point in found.access_points if point.position is None]
     if nowhere:
         console.print(f"  no position yet, to be found by learning: {', '.join(nowhere)}")
@@ -316,10 +337,13 @@ def _introduce(running: Demo, dashboard: bool) -> None:
 def _watch(running: Demo, stopping: threading.Event, seconds: float | None) -> None:
     """Keep the processes running and say now and then how it goes."""
     end = None if seconds is None else time.monotonic() + seconds
+    setup = SetupWatch(running.site_file)
     next_word = time.monotonic() + 5.0
     with console.status("waiting for the first tracks …") as line:
         while not stopping.wait(0.2) and (end is None or time.monotonic() < end):
             running.launcher.keep_running()
+            if setup.changed():
+                running.start_again()
             if time.monotonic() < next_word:
                 continue
             next_word = time.monotonic() + 2.0

@@ -82,6 +82,13 @@ class LiveState:
                 del self._alerts[next(iter(self._alerts))]
             self._set("alerts", list(reversed(self._alerts.values())))
             return [(f"alert/{alert['id']}", written("alert", event.data))]
+        if event.name == "acknowledged":
+            news = msgspec.json.decode(event.data)
+            topic = f"acknowledged/{news['id']}"
+            if news["id"] in self._alerts:
+                self._alerts[news["id"]]["acknowledged"] = news["acknowledged"]
+                self._set("alerts", list(reversed(self._alerts.values())))
+            return [(topic, written("acknowledged", event.data))]
         if event.name == "camera":
             camera = msgspec.json.decode(event.data)
             self._cameras[camera["camera"]] = camera

@@ -68,6 +68,7 @@ _MAP = """
     <label><input type="checkbox" value="cameras" checked> Cameras</label>
     <label><input type="checkbox" value="radio" checked> Access points</label>
     <label><input type="checkbox" value="trails" checked> Trails</label>
+    <label><input type="checkbox" value="doubt" checked> Uncertainty</label>
   </fieldset>
   <span class="zoom">
     <button type="button" id="zoom-out" aria-label="Zoom out" title="Zoom out">−</button>
@@ -75,6 +76,8 @@ _MAP = """
     <button type="button" id="zoom-fit" title="Show the whole floor">Whole floor</button>
   </span>
 </div>
-<canvas id="atrium-canvas" tabindex="0" role="img" aria-label="Floor plan"
-  title="Drag to move, wheel to zoom, arrow keys and + − 0 work too"></canvas>
+<canvas id="atrium-canvas" tabindex="0" role="application" aria-label="Floor plan"
+  title="Click a person to see who it is and why. Drag to move, wheel to zoom; the keys ← ↑ → ↓ + − 0 n p do so too"
+  ></canvas>
+<section id="atrium-evidence" class="atrium-evidence" aria-label="Who this is, and why" hidden></section>
 """

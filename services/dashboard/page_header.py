@@ -1,4 +1,4 @@
-"""What stands on top of every page: whose site it is, the way to the other page, and the way out."""
+"""What stands on top of every page: whose site it is, the way to the other pages, and the way out."""
 
 from __future__ import annotations
 
@@ -6,7 +6,17 @@ from nicegui import ui
 
 __all__ = ["header"]
 
-PAGES = {"map": ("/", "Live map"), "learning": ("/learning", "Learning")}
+PAGES = {
+    "map": ("/", "Live map"),
+    "inbox": ("/alerts", "Alerts"),
+    "visits": ("/visits", "Visits"),
+    "zones": ("/zones", "Zones"),
+    "camera-setup": ("/camera-setup", "Cameras"),
+    "access-points": ("/access-points", "Access points"),
+    "learning": ("/learning", "Learning"),
+    "health": ("/health", "Health"),
+    "privacy": ("/privacy", "Privacy"),
+}
 
 
 def header(title: str, can_sign_out: bool, here: str) -> None:

@@ -28,6 +28,7 @@ RECONNECTS = Counter("atrium_dashboard_api_connections_total", "Connections made
 UNREADABLE = Counter("atrium_dashboard_unreadable_total", "Events and answers of the API that were not understood")
 OVERTAKEN = Counter("atrium_dashboard_dropped_total", "Posts a slow browser never got, apart from replaced ones")
 
+EVENT_NAMES = ("tracks", "alert", "acknowledged", "camera")
 BUSY = 200
 """Browsers served at once; more are asked to come back later."""
 KEEP_ALIVE = b": still here\n\n"
@@ -142,7 +143,7 @@ class Relay:
         reader = EventReader()
         async for chunk in response.aiter_bytes():
             for event in reader.feed(chunk):
-                EVENTS.labels(event.name if event.name in ("tracks", "alert", "camera") else "other").inc()
+                EVENTS.labels(event.name if event.name in EVENT_NAMES else "other").inc()
                 try:
                     self._tell(self._state.event(event))
                 except (msgspec.MsgspecError, KeyError, TypeError) as error:

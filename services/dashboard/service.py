@@ -7,9 +7,12 @@ from typing import ClassVar
 from services.dashboard.learning_client import LearningClient
 from services.dashboard.learning_page import add_learning_page
 from services.dashboard.page import add_page
+from services.dashboard.pages import add_pages
 from services.dashboard.relay import Relay
 from services.dashboard.sessions import AttemptLimit, Sessions
 from services.dashboard.settings import DashboardSettings
+from services.dashboard.setup_pages import add_setup_pages
+from services.dashboard.setup_relay import add_setup_relay
 from services.dashboard.web_app import build_web_app
 from shared.bus import Bus
 from shared.http_server import serve
@@ -50,8 +53,12 @@ class DashboardService(Service[DashboardSettings]):
         )
         app = build_web_app(self._relay, sessions, AttemptLimit(), started=self.health.ready.set)
         title, can_sign_out = self.site.name or self.site.site, not sessions.open
-        learning = LearningClient(settings.api_url, settings.api_key.get_secret_value())
+        api_key = settings.api_key.get_secret_value()
+        add_pages(app, settings.api_url, api_key, title, can_sign_out, self.site.time_zone)
+        learning = LearningClient(settings.api_url, api_key)
         add_learning_page(learning, title, can_sign_out, self._access_points())
+        add_setup_relay(app, settings.api_url, api_key)
+        add_setup_pages(title, can_sign_out)
         add_page(app, title, can_sign_out)
         serve(app, settings.dashboard_host, settings.dashboard_port, self.stopping)
 

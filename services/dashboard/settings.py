@@ -32,7 +32,8 @@ class DashboardSettings(ServiceSettings):
         "http://127.0.0.1:8081", description="the API service, as seen from this process"
     )
     api_key: SecretStr = Field(
-        SecretStr("demo-api-key"), description="key of the API with which the dashboard reads; browsers never see it"
+        SecretStr("demo-api-key"),
+        description="key of the API with which the dashboard reads and changes; browsers never see it",
     )
     dashboard_password: SecretStr = Field(
         SecretStr(""), description="what people type to see the map; empty: open to everybody, in the demo only"

@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from services.fusion.state_file import write_whole
 from shared.messages import MessageError, RadioModelUpdate, decode, encode
+from shared.state_file import write_whole
 
 __all__ = ["RadioFile"]
 

@@ -19,7 +19,6 @@ from services.fusion.rescore.desk import RescoreDesk
 from services.fusion.rescore.recent import RecentChunks
 from services.fusion.running_tracker import RunningTracker
 from services.fusion.settings import FusionSettings
-from services.fusion.state_file import StateFile
 from services.fusion.tracker import Complaining, Retuning, TrackerStateError
 from services.fusion.trained_view import trained_view
 from services.fusion.two_places import TwoPlaces
@@ -42,6 +41,7 @@ from shared.radio import RadioModelError
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
+from shared.state_file import StateFile
 
 __all__ = ["FusionService"]
 
@@ -106,7 +106,14 @@ class FusionService(Service[FusionSettings]):
         folder = settings.state_folder
         file = None if folder is None else folder / f"fusion-{self.area}.json"
         self._radio_file = RadioFile(file)
-        self._state_file = StateFile(file, settings.state_every, lambda: self.running.to_save(self._radio_file), health)
+        self._state_file = StateFile(
+            file,
+            settings.state_every,
+            lambda: self.running.to_save(self._radio_file),
+            health,
+            what="the tracker's state",
+            loss="everybody would be numbered and named anew",
+        )
         self._inbox = bus.inbox()
 
     @classmethod

@@ -1,89 +1,111 @@
-"""Who entered and left which zone: one two-state machine per track and zone, all of them advanced at once in arrays.
+"""Who entered or left which area and crossed which line: all tracks of one area of the site against all borders.
 
-A track is *inside* a zone once it is deeper than ``margin`` in it, or has been in it for ``min_seconds`` on end. It is
-*outside* again once it has been farther than ``margin`` away for ``min_seconds`` on end. Between the two borders
-nothing changes, so noise on the edge does not flap. A track that touched a zone and is now beyond the margin on
-another side has *passed*: enter and exit at once, however thin the zone and however long the step. One that touched
-and went back where it came from has not.
+Each frame: which borders are near (``zone_index``), which pairs of track and border matter, and how areas
+(``area_crossings``) and lines (``line_crossings``) take it. Only pairs near a border, or inside, are remembered.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
-from services.geofence.zone_index import CORE, OUTSIDE, WITHIN, ZoneIndex
+from services.geofence.area_crossings import advance_areas
+from services.geofence.carried_over import carried_over
+from services.geofence.evidence import SURE
+from services.geofence.line_crossings import advance_lines
+from services.geofence.pairs import PAIR, Crossing, Frame, Pairs, ranges_of
+from services.geofence.slots import Slots
+from services.geofence.zone_index import ZoneIndex
 
-__all__ = ["Crossing", "Crossings"]
+__all__ = ["Borders", "Crossing", "Crossings"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-S = TypeVar("S", bound=np.generic)
+_NARROW = 0.5
+"""Of the half width of an area that is the margin's most: who is in the middle of a narrow one is in it."""
+_PASS_SURE = 0.7
+"""Standard deviations by which the way through an area may be aside and still lead through."""
 
-_FIRST_CAPACITY = 64
-_ELSEWHERE = -2
-"""A floor nobody is on: whoever comes from there has made no step."""
+
+@dataclass(frozen=True)
+class Borders:
+    """The borders of a site and how surely somebody must be beyond them.
+
+    Args:
+        index: where they are.
+        margin: metres on either side in which nothing changes.
+        min_seconds: for which somebody must surely be on the other side.
+        confidence: (borders,) how probable it must be that somebody is inside, or beyond the line; None: a half.
+    """
+
+    index: ZoneIndex
+    margin: float
+    min_seconds: float
+    confidence: Floats | None = None
+
+    def __post_init__(self) -> None:
+        margins = np.minimum(self.margin, _NARROW * self.index.half_width)
+        confidence = np.full(len(self.index), 0.5) if self.confidence is None else self.confidence
+        object.__setattr__(self, "margins", margins)
+        object.__setattr__(self, "demands", np.asarray(ndtri(confidence), float))
+
+    margins: Floats = None  # type: ignore[assignment]
+    demands: Floats = None  # type: ignore[assignment]
 
 
-@dataclass(frozen=True, slots=True)
-class Crossing:
-    """One track entered or left one zone at ``t``, near (x, y)."""
-
-    kind: Literal["enter", "exit"]
-    zone: int
-    track: int
-    t: float
-    x: float
-    y: float
+_LIKELY = 0.5
+"""Of the evidence needed, with which somebody is taken to have crossed who is seen no more."""
 
 
 class Crossings:
-    """The state of all tracks of one area against all zones. Pure: time comes with the frames.
+    """The state of all tracks of one area of the site against all borders. Pure: time comes with the frames.
 
     Args:
-        index: the zones.
-        min_seconds: how long a track must stay on the other side of a border before it counts.
-        grace: seconds after which a track that is no longer reported has left all zones.
+        borders: see there.
+        grace: seconds after which a track that is no longer reported has left all areas.
 
-    Memory grows with the number of tracks at once times the number of zones (59 bytes for each).
+    Memory grows with the number of tracks at once, and with the borders near them.
     """
 
-    def __init__(self, index: ZoneIndex, min_seconds: float, grace: float) -> None:
-        self._index = index
-        self._zones = len(index)
-        self._min_seconds = min_seconds
+    def __init__(self, borders: Borders, grace: float) -> None:
+        self._borders = borders
         self._grace = grace
-        # A step shorter than this touches no zone unless one end lies within the margin (1.9: arcs are polygons).
-        self._long_step = 1.9 * index.margin
-        self.occupancy = np.zeros(self._zones, np.int64)
-        """How many tracks are inside each zone, (zones,)."""
-        self._ids = np.empty(0, np.int64)
-        self._slot_of_id = np.empty(0, np.int64)
-        self._free: list[int] = []
-        self._capacity = 0
-        # Per slot: where and when the track was last, and its row in the frame at hand (-1 outside of a step).
-        self._x, self._y, self._t = (np.empty(0) for _ in range(3))
-        self._floor = np.empty(0, np.int64)
-        self._row_of = np.empty(0, np.int64)
-        # Per pair (slot times zones plus zone): the machine. ``since``: a change is pending since then and from there;
-        # ``anchor``: when and where the track was last beyond the margin; ``place``: scratch like ``row_of``.
-        self._inside, self._is_active, self._touched = (np.empty(0, np.bool_) for _ in range(3))
-        self._since, self._since_x, self._since_y = (np.empty(0) for _ in range(3))
-        self._anchor_t, self._anchor_x, self._anchor_y = (np.empty(0) for _ in range(3))
-        self._place = np.empty(0, np.int64)
-        self._active = np.empty(0, np.int64)
-        self._allocate(_FIRST_CAPACITY)
+        self._slots = Slots()
+        self._pairs = np.empty(0, PAIR)
+        self.occupancy = np.zeros(len(borders.index), np.int64)
+        """How many tracks are inside each area, (borders,)."""
 
     @property
     def tracks(self) -> Ints:
         """Ids of the tracks that are remembered, sorted."""
-        return self._ids
+        return self._slots.ids
+
+    @property
+    def places(self) -> NDArray[Any]:
+        """(k,) of ``slots.PLACE``: when and where those who are remembered were last, and who they are."""
+        return self._slots.place[self._slots.slot_of_id]
+
+    def place_of(self, who: int) -> Any | None:
+        """Return when and where one person was last; None where nobody knows."""
+        places = self.places
+        mine = np.flatnonzero(places["who"] == who)
+        return places[mine[0]] if len(mine) else None
+
+    def people(self, track: Ints) -> Ints:
+        """Return who each of these tracks is, (n,); 0 where it is not remembered."""
+        ids, slots = self._slots.ids, self._slots.slot_of_id
+        at = np.minimum(np.searchsorted(ids, track), max(len(ids) - 1, 0))
+        if not len(ids):
+            return np.zeros(len(track), np.int64)
+        found: Ints = np.where(ids[at] == track, self._slots.place["who"][slots[at]], 0)
+        return found
 
     def step(
         self,
@@ -94,6 +116,7 @@ class Crossings:
         y: Floats,
         former: Sequence[Sequence[int]] = (),
         held: Ints | None = None,
+        covariance: Floats | None = None,
     ) -> list[Crossing]:
         """Advance to the frame at ``t`` and return what happened, in order of time.
 
@@ -106,51 +129,39 @@ class Crossings:
             former: for each track the ids it had before, oldest first; a new track takes over the state of the newest
                 of them that is remembered and no longer reported.
             held: (h,) ids the frame reports besides, given to ``hold``; None: no others.
+            covariance: (n, 3) xx, xy, yy in m²; None: places are exact.
 
         Returns:
-            Crossings; for each track and zone enter and exit take turns.
+            Crossings; for each person and area enter and exit take turns.
         """
-        present = set(track.tolist()) if held is None else {*track.tolist(), *held.tolist()}
-        slot, known = self._slots(track, former, present)
-        self._absorb(t, slot, former, present)
-        before_x, before_y, before_t = self._x[slot], self._y[slot], self._t[slot]
-        known &= self._floor[slot] == floor
-        code, row, zone, depth, touched_now = self._pairs(slot, known, floor, x, y, before_x, before_y)
-        px, py = x[row], y[row]
-
-        inside = self._inside[code]
-        self._begin(code, row, depth, t, x, y, known, before_x, before_y, before_t)
-        # A change of floor is no step: what was touched downstairs is not passed upstairs.
-        touched = (self._touched[code] | touched_now | (depth >= WITHIN)) & (self._index.floor[zone] == floor[row])
-        self._touched[code] = touched
-
-        # Where a change is pending (into the zone, or out of its margin), remember since when and from where.
-        pending = np.where(inside, depth == OUTSIDE, depth >= WITHIN)
-        since = self._since[code]
-        begins = pending & np.isnan(since)
-        since = np.where(pending, np.where(begins, t, since), np.nan)
-        self._since[code] = since
-        began = code[begins]
-        self._since_x[began], self._since_y[began] = px[begins], py[begins]
-        with np.errstate(invalid="ignore"):
-            settled = pending & (t - since >= self._min_seconds)
-        enters = ~inside & (settled | (depth == CORE))
-        exits = inside & settled
-        ends = ~inside & (depth == OUTSIDE)
-        passes = np.flatnonzero(ends & touched & ~np.isnan(self._anchor_t[code]))
-
-        happened = [self._changed("enter", int(code[i]), int(track[row[i]])) for i in np.flatnonzero(enters)]
-        happened += [self._changed("exit", int(code[i]), int(track[row[i]])) for i in np.flatnonzero(exits)]
-        for pair, r in zip(code[passes].tolist(), row[passes].tolist(), strict=True):
-            happened.extend(self._passed(pair, int(track[r]), t, float(x[r]), float(y[r])))
-
-        now_inside = (inside | enters) & ~exits
-        self._inside[code] = now_inside
-        self._since[code[enters]] = np.nan
-        stays = now_inside | (depth != OUTSIDE)
-        self._set_active(code, stays, slot)
-        self._x[slot], self._y[slot], self._t[slot], self._floor[slot] = x, y, t, floor
-        happened.extend(self._vanish(t, self._grace))
+        others = np.empty(0, np.int64) if held is None else held
+        slot, known = self._slots.take(track, former, others)
+        happened = self._absorb(t, track, slot, former, others) if any(former) else []
+        place = self._slots.place
+        before = place[slot]
+        frame = Frame(
+            t, slot, track, before["who"], floor, x, y,
+            np.zeros((len(x), 3)) if covariance is None else covariance,
+            before["t"], before["x"], before["y"], known & (before["floor"] == floor),
+        )  # fmt: skip
+        code, pairs = self._matter(frame)
+        at = np.searchsorted(self._pairs["code"], code)
+        state = np.zeros(len(code), PAIR)
+        if len(self._pairs):
+            old = self._pairs[np.minimum(at, len(self._pairs) - 1)]
+            found = old["code"] == code
+            state[found] = old[found]
+            new = ~found
+        else:
+            new = np.ones(len(code), np.bool_)
+        state["code"] = code
+        stays = np.zeros(len(code), np.bool_)
+        is_line = self._borders.index.is_line[pairs.border]
+        happened += self._areas(np.flatnonzero(~is_line), state, new, pairs, frame, stays)
+        happened += self._lines(np.flatnonzero(is_line), state, new, pairs, frame, stays)
+        self._remember(slot, state[stays])
+        place["t"][slot], place["x"][slot], place["y"][slot], place["floor"][slot] = t, x, y, floor
+        happened += self._vanish(t, self._grace)
         happened.sort(key=lambda crossing: (crossing.t, crossing.kind))
         return happened
 
@@ -166,237 +177,274 @@ class Crossings:
             former: for each track the ids it had before, oldest first.
             others: (o,) ids the frame reports besides: whoever is still there leaves nobody anything.
         """
-        present = {*track.tolist(), *others.tolist()}
-        slots = dict(zip(self._ids.tolist(), self._slot_of_id.tolist(), strict=True))
-        for row, number in enumerate(track.tolist()):
-            if number not in slots:
-                heir = next((one for one in reversed(former[row]) if one in slots and one not in present), None)
-                if heir is None:
-                    continue
-                slots[number] = slots.pop(heir)
-            self._t[slots[number]] = t
-            self._floor[slots[number]] = _ELSEWHERE
-        self._index_ids(slots)
+        if len(track):
+            self._slots.hold(t, track, former, others)
 
     def close(self, t: float) -> list[Crossing]:
-        """Let every track leave every zone at ``t``: no more frames will come."""
+        """Let every track leave every area at ``t``: no more frames will come."""
         return self._vanish(t, -np.inf)
 
-    def _pairs(
-        self, slot: Ints, known: Bools, floor: Ints, x: Floats, y: Floats, before_x: Floats, before_y: Floats
-    ) -> tuple[Ints, Ints, Ints, NDArray[np.int8], Bools]:
-        """Return every pair of a track and a zone that may change or matter now, each once.
+    def moved(
+        self, borders: Borders, becomes: Mapping[int, int], unchanged: Collection[int], t: float
+    ) -> tuple[Crossings, list[Crossing]]:
+        """Return the same people before other borders: whom a border that changed may still hold stays inside of it.
+
+        Args:
+            borders: the new ones.
+            becomes: which old border is which new one, where it is the same area or line.
+            unchanged: the old ones that keep their shape.
+            t: now; who was inside of a shape that no longer holds them has left by then.
 
         Returns:
-            code: (m,) slot times zones plus zone.
-            row: (m,) place of the track in the frame.
-            zone: (m,).
-            depth: (m,) of the track in the zone.
-            touched: (m,) whether the step from the frame before touched the zone.
+            The new state, and the exits. Who is inside of an area that is new, or grew, is inside without a word.
         """
-        row, zone, depth = self._index.nearby(x, y, floor)
-        code = slot[row] * self._zones + zone
-        place = self._place
-        place[code] = np.arange(len(code))
-        # What was near before and is not now: beyond the margin, by construction of the index.
-        row_of = self._row_of
-        row_of[slot] = np.arange(len(slot))
-        left = self._active[(row_of[self._active // self._zones] >= 0) & (place[self._active] < 0)]
-        place[left] = len(code) + np.arange(len(left))
-        codes, rows = [code, left], [row, row_of[left // self._zones]]
-        step = np.hypot(x - before_x, y - before_y)
-        fast = known & (step > self._long_step)
-        cut = np.empty(0, np.int64)
-        if fast.any():
-            movers = np.flatnonzero(fast)
-            segments = _segments(before_x[movers], before_y[movers], x[movers], y[movers])
-            which, cut_zone = self._index.cut(segments, floor[movers])
-            cut = slot[movers[which]] * self._zones + cut_zone
-            new = place[cut] < 0
-            place[cut[new]] = len(code) + len(left) + np.arange(int(new.sum()))
-            codes.append(cut[new])
-            rows.append(movers[which[new]])
-        code, row = np.concatenate(codes), np.concatenate(rows)
-        depth = np.concatenate([depth, np.zeros(len(code) - len(depth), np.int8)])
-        zone = code % self._zones
-        touched = np.zeros(len(code), np.bool_)
-        touched[place[cut]] = True
-        place[code] = -1
-        row_of[slot] = -1
-        # Slow steps can only touch from within the margin; what lies inside has touched anyway.
-        slow = np.flatnonzero(
-            (depth < WITHIN) & known[row] & ~fast[row] & ~self._inside[code] & (step[row] > 0.0)
-            & ~(self._touched[code] & self._is_active[code]) & (self._index.floor[zone] == floor[row])
+        old, new, slots = self._borders.index, borders.index, self._slots
+        slot, place = slots.slot_of_id, slots.place
+        floor = new.floors_of([old.floor_names.get(number, "") for number in place["floor"][slot].tolist()])
+        tracks = slot, place["x"][slot], place["y"][slot], floor
+        other = Crossings(borders, self._grace)
+        other._slots = slots
+        other._pairs, left = carried_over(self._pairs, old, new, becomes, unchanged, tracks)
+        other._count_inside()
+        happened = []
+        track_of = {one: number for number, one in slots.by_id().items()}
+        for code in left.tolist():
+            one, border = divmod(code, len(old))
+            t0, x, y, _, who = place[one].tolist()
+            happened.append(Crossing("exit", border, track_of[one], who, max(t, t0), x, y))
+        elsewhere = place["floor"][slot] < 0
+        place["floor"][slot] = np.where(elsewhere, place["floor"][slot], floor)
+        return other, happened
+
+    def inside(self) -> list[tuple[int, int, int, float, float]]:
+        """Return border, track, person, x and y of everybody inside of an area."""
+        track_of = {slot: number for number, slot in self._slots.by_id().items()}
+        told = []
+        for code in self._pairs["code"][(self._pairs["side"] > 0) & ~self._is_line(self._pairs["code"])].tolist():
+            slot, border = divmod(code, len(self._borders.index))
+            place = self._slots.place[slot]
+            told.append((border, track_of[slot], int(place["who"]), float(place["x"]), float(place["y"])))
+        return told
+
+    def state(self) -> dict[str, Any]:
+        """Return what ``restore`` takes, in plain values."""
+        return {"slots": self._slots.state(), "pairs": self._pairs.tolist()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Be as another before the same borders was when its ``state`` was taken.
+
+        Raises:
+            ValueError, TypeError, KeyError: it is no such state.
+        """
+        slots = Slots()
+        slots.restore(state["slots"])
+        pairs = np.array([tuple(pair) for pair in state["pairs"]], PAIR)
+        codes, count = pairs["code"], len(self._borders.index)
+        if len(codes) and (
+            not count or not np.isin(codes // count, slots.slot_of_id).all() or (np.diff(codes) <= 0).any()
+        ):
+            raise ValueError("pairs of tracks and zones that are not there")
+        self._slots, self._pairs = slots, pairs
+        self._count_inside()
+
+    def _count_inside(self) -> None:
+        codes, count = self._pairs["code"], len(self._borders.index)
+        self.occupancy = np.zeros(count, np.int64)
+        if count:
+            np.add.at(self.occupancy, codes[(self._pairs["side"] > 0) & ~self._is_line(codes)] % count, 1)
+
+    def _is_line(self, codes: Ints) -> Bools:
+        return self._borders.index.is_line[codes % max(len(self._borders.index), 1)]
+
+    def _matter(self, frame: Frame) -> tuple[Ints, Pairs]:
+        """Return the pairs that may change or matter now: (m,) codes, sorted, each once, and what is known of them."""
+        borders, index, count = self._borders, self._borders.index, len(self._borders.index)
+        step = np.where(frame.known, np.hypot(frame.x - frame.before_x, frame.y - frame.before_y), 0.0)
+        row, border, depth, edge = index.nearby(frame.x, frame.y, frame.floor)
+        nx, ny = index.normals(edge)
+        xx, xy, yy = frame.covariance[row].T
+        sigma = np.sqrt(np.maximum(nx * nx * xx + 2.0 * nx * ny * xy + ny * ny * yy, 0.0))
+        sure = borders.margins[border] + SURE * sigma
+        away = np.where(index.is_line[border], np.abs(depth), -depth)
+        near = np.flatnonzero((away < np.maximum(sure, step[row])) | (away == 0.0))
+        row, border, depth, sigma = row[near], border[near], depth[near], sigma[near]
+        code = frame.slot[row] * count + border
+        # What mattered before matters still; what a long step cut does too.
+        row_of = np.full(len(self._slots.place), -1)
+        row_of[frame.slot] = np.arange(len(frame.slot))
+        held = self._pairs["code"]
+        held = held[row_of[held // max(count, 1)] >= 0] if len(held) else held
+        long = np.flatnonzero(step > index.reach)
+        if len(long):
+            which, cut = index.cut(frame.segments[long], frame.floor[long])
+            held = np.concatenate([held, frame.slot[long[which]] * count + cut])
+        codes = np.union1d(code, held)
+        place = np.searchsorted(codes, code)
+        rows, borders_of = row_of[codes // max(count, 1)], codes % max(count, 1)
+        depths, sigmas = np.full(len(codes), np.nan), frame.spread[rows]
+        depths[place], sigmas[place] = depth, sigma
+        # Beyond reach, and on another floor no less: there nothing of an area is near.
+        far = np.flatnonzero(np.isnan(depths))
+        same = index.floor[borders_of[far]] == frame.floor[rows[far]]
+        depths[far] = np.where(same, index.depth(borders_of[far], frame.x[rows[far]], frame.y[rows[far]]), -np.inf)
+        # Whoever lies inside of an area has touched it, whether a step led there or not.
+        open_question = index.is_line[borders_of] | (depths < 0.0)
+        cutting = np.flatnonzero(frame.known[rows] & (np.abs(depths) <= step[rows]) & open_question)
+        net, crossed, share = np.zeros(len(codes), np.int64), np.zeros(len(codes), np.bool_), np.ones(len(codes))
+        if len(cutting):
+            segments = frame.segments[rows[cutting]]
+            net[cutting], crossed[cutting], share[cutting] = index.crossed(borders_of[cutting], segments)
+        margin = borders.margins[borders_of]
+        pairs = Pairs(
+            rows, borders_of, depths, sigmas, margin, margin + SURE * sigmas, borders.demands[borders_of],
+            net, crossed, share,
         )  # fmt: skip
-        r = row[slow]
-        if len(slow):
-            touched[slow] = self._index.touches(zone[slow], _segments(before_x[r], before_y[r], x[r], y[r]))
-        return code, row, zone, depth, touched
+        return codes, pairs
 
-    def _begin(
-        self,
-        code: Ints,
-        row: Ints,
-        depth: NDArray[np.int8],
-        t: float,
-        x: Floats,
-        y: Floats,
-        known: Bools,
-        before_x: Floats,
-        before_y: Floats,
-        before_t: Floats,
-    ) -> None:
-        """Start the machines of pairs that did not matter so far: the frame before was well away from the zone."""
-        begins = ~self._is_active[code]
-        fresh, row, outside = code[begins], row[begins], depth[begins] < WITHIN
-        self._since[fresh] = np.nan
-        self._touched[fresh] = False
-        # A track born beside a zone starts there; one born inside it has not come through anything.
-        known = known[row]
-        self._anchor_t[fresh] = np.where(known, before_t[row], np.where(outside, t, np.nan))
-        self._anchor_x[fresh] = np.where(known, before_x[row], x[row])
-        self._anchor_y[fresh] = np.where(known, before_y[row], y[row])
+    def _areas(
+        self, some: Ints, state: NDArray[Any], new: Bools, pairs: Pairs, frame: Frame, stays: Bools
+    ) -> list[Crossing]:
+        mine, of = state[some], pairs.pick(some)
+        step = advance_areas(mine, new[some], of, frame, self._borders.min_seconds)
+        turned = mine[["t", "x", "y"]]
+        happened = []
+        for kind, places in (("enter", step.enters), ("exit", step.exits)):
+            change = 1 if kind == "enter" else -1
+            np.add.at(self.occupancy, of.border[places], change)
+            for place in places.tolist():
+                row = int(of.row[place])
+                t, x, y = (float(value) for value in turned[place])
+                one = Crossing(kind, int(of.border[place]), int(frame.track[row]), int(frame.who[row]), t, x, y)  # type: ignore[arg-type]
+                happened.append(one)
+        spread = frame.spread
+        for place in step.passes.tolist():
+            row = int(of.row[place])
+            person = int(frame.track[row]), int(frame.who[row])
+            here = frame.t, float(frame.x[row]), float(frame.y[row])
+            happened += self._passed(int(of.border[place]), mine[place], person, here, float(spread[row]))
+        state[some] = mine
+        stays[some] = step.stays
+        return happened
 
-    def _changed(self, kind: Literal["enter", "exit"], pair: int, track: int) -> Crossing:
-        """Count and return a change that has been pending since a time and place remembered."""
-        zone = pair % self._zones
-        self.occupancy[zone] += 1 if kind == "enter" else -1
-        return Crossing(
-            kind, zone, track, float(self._since[pair]), float(self._since_x[pair]), float(self._since_y[pair])
-        )
+    def _lines(
+        self, some: Ints, state: NDArray[Any], new: Bools, pairs: Pairs, frame: Frame, stays: Bools
+    ) -> list[Crossing]:
+        if not len(some):
+            return []
+        mine, of = state[some], pairs.pick(some)
+        before = np.full(len(some), np.nan)
+        fresh = np.flatnonzero(new[some] & frame.known[of.row])
+        rows = of.row[fresh]
+        before[fresh] = self._borders.index.depth(of.border[fresh], frame.before_x[rows], frame.before_y[rows])
+        forward, backward, stay = advance_lines(mine, new[some], of, frame, self._borders.min_seconds, before)
+        # On another floor a line is nowhere.
+        stays[some] = stay & np.isfinite(of.depth)
+        state[some] = mine
+        happened = []
+        for place in [*forward.tolist(), *backward.tolist()]:
+            row = int(of.row[place])
+            t, x, y = (float(mine[name][place]) for name in ("t", "x", "y"))
+            # Those who crossed are on the other side by now: on the right after a crossing forward.
+            direction: Literal["forward", "backward"] = "forward" if mine["side"][place] < 0 else "backward"
+            person = int(frame.track[row]), int(frame.who[row])
+            happened.append(Crossing("cross", int(of.border[place]), *person, t, x, y, direction))
+        return happened
 
-    def _passed(self, pair: int, track: int, t: float, x: float, y: float) -> list[Crossing]:
-        """Return enter and exit if the way from where the zone was last well away to here leads through it."""
-        zone = pair % self._zones
-        start_x, start_y, start_t = (float(a[pair]) for a in (self._anchor_x, self._anchor_y, self._anchor_t))
-        shares = self._index.chord(zone, np.array([[start_x, start_y], [x, y]]))
+    def _passed(
+        self, border: int, pair: Any, person: tuple[int, int], here: tuple[float, float, float], spread: float
+    ) -> list[Crossing]:
+        """Return enter and exit if the way from where the track was last surely outside to here leads through."""
+        t, x, y = here
+        t0, x0, y0 = float(pair["anchor_t"]), float(pair["anchor_x"]), float(pair["anchor_y"])
+        shares = self._borders.index.chord(border, np.array([[x0, y0], [x, y]]), _PASS_SURE * spread)
         if shares is None:
             return []
-        turns: list[tuple[Literal["enter", "exit"], float]] = [("enter", shares[0]), ("exit", shares[1])]
+        track, who = person
         return [
-            Crossing(
-                kind,
-                zone,
-                track,
-                start_t + share * (t - start_t),
-                start_x + share * (x - start_x),
-                start_y + share * (y - start_y),
-            )
-            for kind, share in turns
+            Crossing(kind, border, track, who, t0 + share * (t - t0), x0 + share * (x - x0), y0 + share * (y - y0))  # type: ignore[arg-type]
+            for kind, share in zip(("enter", "exit"), shares, strict=True)
         ]
 
-    def _passed_at_last(self, slot: int, track: int) -> list[Crossing]:
-        """Return the crossings of a track that went through a zone and ended just behind it, within the margin."""
-        happened = []
-        x, y, t = float(self._x[slot]), float(self._y[slot]), float(self._t[slot])
-        first = slot * self._zones
-        span = slice(first, first + self._zones)
-        for zone in np.flatnonzero(self._is_active[span] & self._touched[span] & ~self._inside[span]).tolist():
-            anchored = not np.isnan(self._anchor_t[first + zone])
-            if anchored and self._index.depth(np.array([zone]), np.array([x]), np.array([y]))[0] < WITHIN:
-                happened.extend(self._passed(first + zone, track, t, x, y))
+    def _remember(self, slot: Ints, state: NDArray[Any]) -> None:
+        """Keep the pairs that matter next time, and those of tracks not in this frame."""
+        absent = np.ones(len(self._slots.place), np.bool_)
+        absent[slot] = False
+        count = max(len(self._borders.index), 1)
+        others = self._pairs[absent[self._pairs["code"] // count]] if len(self._pairs) else self._pairs
+        if len(others):
+            state = np.concatenate([others, state])
+            state = state[np.argsort(state["code"], kind="stable")]
+        self._pairs = state
+
+    def _absorb(
+        self, t: float, track: Ints, slot: Ints, former: Sequence[Sequence[int]], others: Ints
+    ) -> list[Crossing]:
+        """Somebody told under two numbers for a while is one: inside with the new one, the old one leaves unsaid."""
+        stale = self._slots.stale(former, {*track.tolist(), *others.tolist()})
+        if not stale:
+            return []
+        slots, place, happened = self._slots.by_id(), self._slots.place, []
+        for new, earlier in zip(slot.tolist(), former, strict=True):
+            for number in [one for one in earlier if one in stale and place["t"][slots[one]] < t]:
+                old = slots[number]
+                mine = {code % len(self._borders.index) for code in self._inside_of(new)}
+                for code in self._inside_of(old):
+                    border = code % len(self._borders.index)
+                    if border not in mine:
+                        continue
+                    self.occupancy[border] -= 1
+                    self._pairs["side"][np.searchsorted(self._pairs["code"], code)] = -1
+                    whose = int(place["who"][old])
+                    x, y, heir = float(place["x"][old]), float(place["y"][old]), int(place["who"][new])
+                    one = Crossing("absorbed", border, number, whose, t, x, y, heir=heir)
+                    happened.append(one)
         return happened
+
+    def _inside_of(self, slot: int) -> list[int]:
+        """Return the codes of the pairs of a slot that is inside of the area."""
+        first, last = ranges_of(self._pairs["code"], np.array([slot]), len(self._borders.index))
+        pairs = self._pairs[int(first[0]) : int(last[0])]
+        inside: list[int] = pairs["code"][(pairs["side"] > 0) & ~self._is_line(pairs["code"])].tolist()
+        return inside
 
     def _vanish(self, t: float, grace: float) -> list[Crossing]:
         """Forget the tracks not seen for ``grace`` seconds; where they were inside, they leave at ``t``."""
-        gone = np.flatnonzero(t - self._t[self._slot_of_id] > grace)
+        slots = self._slots
+        gone = np.flatnonzero(t - slots.place["t"][slots.slot_of_id] > grace)
+        if not len(gone):
+            return []
+        slot = slots.slot_of_id[gone]
+        first, last = ranges_of(self._pairs["code"], slot, len(self._borders.index))
         happened = []
-        for place in gone.tolist():
-            slot, track = int(self._slot_of_id[place]), int(self._ids[place])
-            span = slice(slot * self._zones, (slot + 1) * self._zones)
-            for zone in np.flatnonzero(self._inside[span]).tolist():
-                self.occupancy[zone] -= 1
-                happened.append(Crossing("exit", zone, track, t, float(self._x[slot]), float(self._y[slot])))
-            happened.extend(self._passed_at_last(slot, track))
-            self._inside[span] = False
-            self._is_active[span] = False
-            self._free.append(slot)
-        if len(gone):
-            self._ids = np.delete(self._ids, gone)
-            self._slot_of_id = np.delete(self._slot_of_id, gone)
-            self._active = self._active[self._is_active[self._active]]
+        for begin, end, number, place in zip(
+            first.tolist(), last.tolist(), slots.ids[gone].tolist(), slots.place[slot], strict=True
+        ):
+            for pair in self._pairs[begin:end]:
+                happened += self._ended(pair, int(number), place, t)
+        dropped = np.isin(self._pairs["code"] // max(len(self._borders.index), 1), slot)
+        self._pairs = self._pairs[~dropped]
+        slots.drop(gone)
         return happened
 
-    def _set_active(self, code: Ints, stays: Bools, slot: Ints) -> None:
-        """Keep the pairs that matter next time: those named by ``stays``, and those of tracks not in this frame."""
-        self._row_of[slot] = 0
-        absent = self._active[self._row_of[self._active // self._zones] < 0]
-        self._row_of[slot] = -1
-        self._is_active[code] = stays
-        self._active = np.concatenate([absent, code[stays]])
+    def _ended(self, pair: Any, track: int, place: Any, t: float) -> list[Crossing]:
+        """Return what becomes of a pair whose track is seen no more."""
+        border = int(pair["code"]) % len(self._borders.index)
+        who, seen, x, y = int(place["who"]), float(place["t"]), float(place["x"]), float(place["y"])
+        if not self._borders.index.is_line[border]:
+            if pair["side"] > 0:
+                self.occupancy[border] -= 1
+                return [Crossing("exit", border, track, who, t, x, y)]
+            # Through an area and lost just behind it.
+            behind = pair["touched"] and np.isfinite(pair["anchor_t"]) and self._depth(border, x, y) < 0.0
+            outside = behind and (
+                pair["away"] >= _LIKELY or -self._depth(border, x, y) <= self._borders.margins[border]
+            )
+            return self._passed(border, pair, (track, who), (seen, x, y), 0.0) if outside else []
+        if pair["evidence"] < _LIKELY or int(pair["net"]) * int(pair["side"]) <= 0:
+            return []
+        direction: Literal["forward", "backward"] = "forward" if pair["side"] > 0 else "backward"
+        where = float(pair["t"]), float(pair["x"]), float(pair["y"])
+        return [Crossing("cross", border, track, who, *where, direction)]
 
-    def _slots(self, track: Ints, former: Sequence[Sequence[int]], present: set[int]) -> tuple[Ints, Bools]:
-        """Return the slot of each track (n,), made where it has none, and whether its place before is known (n,)."""
-        at = np.searchsorted(self._ids, track)
-        known = np.zeros(len(track), np.bool_)
-        within = at < len(self._ids)
-        known[within] = self._ids[at[within]] == track[within]
-        if not known.all():
-            self._admit(track, np.flatnonzero(~known), former, present)
-            at = np.searchsorted(self._ids, track)
-        slot = self._slot_of_id[at]
-        return slot, np.isfinite(self._t[slot])
-
-    def _absorb(self, t: float, slot: Ints, former: Sequence[Sequence[int]], present: set[int]) -> None:
-        """Somebody told under two numbers for a while is one: inside with the new one, the old one leaves unsaid."""
-        named = {one for earlier in former for one in earlier}
-        stale = (named & set(self._ids.tolist())).difference(present) if named else set()
-        if not stale:
-            return
-        slots = dict(zip(self._ids.tolist(), self._slot_of_id.tolist(), strict=True))
-        zones = np.arange(self._zones)
-        for new, earlier in zip(slot.tolist(), former, strict=True):
-            for old in [slots[one] for one in earlier if one in stale and self._t[slots[one]] < t]:
-                both = zones[self._inside[old * self._zones + zones] & self._inside[new * self._zones + zones]]
-                self.occupancy[both] -= 1
-                self._inside[old * self._zones + both] = False
-
-    def _admit(self, track: Ints, new: Ints, former: Sequence[Sequence[int]], present: set[int]) -> None:
-        slots = dict(zip(self._ids.tolist(), self._slot_of_id.tolist(), strict=True))
-        for row in new.tolist():
-            earlier = former[row] if row < len(former) else ()
-            heir = next((one for one in reversed(earlier) if one in slots and one not in present), None)
-            if heir is not None:
-                slots[int(track[row])] = slots.pop(heir)
-                continue
-            if not self._free:
-                self._allocate(self._capacity)
-            slot = self._free.pop()
-            self._t[slot] = np.nan
-            slots[int(track[row])] = slot
-        self._index_ids(slots)
-
-    def _index_ids(self, slots: dict[int, int]) -> None:
-        ids = np.fromiter(slots.keys(), np.int64, len(slots))
-        order = np.argsort(ids)
-        self._ids = ids[order]
-        self._slot_of_id = np.fromiter(slots.values(), np.int64, len(slots))[order]
-
-    def _allocate(self, more: int) -> None:
-        """Make room for ``more`` tracks."""
-        old, new, zones = self._capacity, self._capacity + more, self._zones
-        self._x, self._y, self._t = (_grown(a, old, new, np.nan) for a in (self._x, self._y, self._t))
-        self._floor = _grown(self._floor, old, new, -1)
-        self._row_of = _grown(self._row_of, old, new, -1)
-        pairs = new * zones
-        self._since, self._since_x, self._since_y, self._anchor_t, self._anchor_x, self._anchor_y = (
-            _grown(a, old * zones, pairs, np.nan)
-            for a in (self._since, self._since_x, self._since_y, self._anchor_t, self._anchor_x, self._anchor_y)
-        )
-        self._inside, self._is_active, self._touched = (
-            _grown(a, old * zones, pairs, False) for a in (self._inside, self._is_active, self._touched)
-        )
-        self._place = _grown(self._place, old * zones, pairs, -1)
-        self._capacity = new
-        self._free.extend(range(new - 1, old - 1, -1))
-
-
-def _grown(array: NDArray[S], used: int, size: int, fill: float) -> NDArray[S]:
-    larger = np.full(size, fill, array.dtype)
-    larger[:used] = array[:used]
-    return larger
-
-
-def _segments(x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> Floats:
-    """Return (n, 2, 2) segments."""
-    return np.stack([np.stack([x0, y0], axis=1), np.stack([x1, y1], axis=1)], axis=1)
+    def _depth(self, border: int, x: float, y: float) -> float:
+        return float(self._borders.index.depth(np.array([border]), np.array([x]), np.array([y]))[0])

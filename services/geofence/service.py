@@ -1,198 +1,302 @@
-"""The geofence service: tracks of all areas in, alerts of all zones out."""
+"""The geofence service: tracks of all areas and the zones in force in; alerts and counts of people out."""
 
 from __future__ import annotations
 
 import math
 import secrets
 import time
-from dataclasses import dataclass, field
+import zoneinfo
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import structlog
-from numpy.typing import NDArray
 from prometheus_client import Counter, Gauge
 
-from services.geofence.crossings import Crossing, Crossings
+from services.geofence.people import Sighting
+from services.geofence.saved_state import FORMAT, SavedState, SavedStateError, read_state, write_state
 from services.geofence.settings import GeofenceSettings
-from services.geofence.zone_index import ZoneIndex
-from shared.bus import Bus
+from services.geofence.watch import Told, Watch
+from services.geofence.zone_plan import ZonePlan, of_site
+from shared.bus import Bus, Publisher
 from shared.erased import Erased
-from shared.messages import Alert, Erasure, TrackFrame, covariances
+from shared.messages import Alert, Erasure, Occupancy, Revision, TrackFrame
 from shared.runner import Health, Service
 from shared.site import Site
+from shared.state_file import StateFile
+from shared.zones import ZoneDefinition, ZoneSet
 
-__all__ = ["GeofenceService"]
+__all__ = ["GeofenceService", "sighting_of"]
 
 log = structlog.get_logger(__name__)
 
 ALERTS = Counter("atrium_geofence_alerts_total", "Alerts published", ["zone", "kind"])
 POSITIONS = Counter("atrium_geofence_positions_total", "Track positions tested against the zones")
 LEFT_OUT = Counter("atrium_geofence_frames_left_out_total", "Frames not tested", ["reason"])
-OCCUPANCY = Gauge("atrium_zone_occupancy", "Tracks inside a zone now", ["zone"])
+OCCUPANCY = Gauge("atrium_zone_occupancy", "People inside a zone now", ["zone"])
+ZONES_VERSION = Gauge("atrium_geofence_zones_version", "Version of the zones in force; 0: the site file's")
 
-Floats = NDArray[np.float64]
-
-SURE = 2.45
-"""Standard deviations of the radius within which somebody is with 95 %, in two dimensions."""
 NEW_PASS = 1.0
 """Seconds by which time must run back for it to be a new pass of a recording and not a late frame."""
 
 
-@dataclass
-class _Area:
-    crossings: Crossings
-    t: float = -math.inf
-    """Of the newest frame."""
-    heard: float = math.inf
-    """When it came, by the monotonic clock; infinite: nobody is inside, or the area is silent and told of."""
-    devices: dict[int, str] = field(default_factory=dict)
-    """Of each track in the newest frame; of one that vanished, the last it had: its exit is still to be told."""
-
-
 class GeofenceService(Service[GeofenceSettings]):
-    """Publishes an alert for each crossing of a zone's border."""
+    """Publishes an alert for whatever the rules of the zones ask for, and how many people are in each zone."""
 
     name = "geofence"
     Settings = GeofenceSettings
 
     def __init__(self, settings: GeofenceSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
-        zones = site.zones
-        self._index = ZoneIndex(
-            [zone.polygon for zone in zones], [zone.floor for zone in zones], settings.geofence_margin
-        )
-        self._areas = {area.id: _Area(self._new_crossings()) for area in site.areas}
-        self._publishers = [
-            bus.publisher(self.keys.alert(zone.id), Alert, cached=True, history=settings.geofence_history)
-            for zone in zones
-        ]
+        self._zones: list[ZoneDefinition] = of_site(site.zones)
+        self._version = 0
+        self._told_version = -1
+        """Of the newest zone set the bus told since this process began: what was saved only bridges until then."""
+        self._clock = zoneinfo.ZoneInfo(site.time_zone)
+        self._watch = self._new_watch(self._zones, 0)
+        self._heard = {area.id: math.inf for area in site.areas}
+        """When the newest frame came, by the monotonic clock; infinite: none yet, or the area is silent and told of."""
+        self._alerts: dict[str, Publisher[Alert]] = {}
+        self._counts = bus.publisher(self.keys.occupancy(), Occupancy)
+        self._counted_at = -math.inf
         # Ids are unique across restarts and passes of one recording: a random name of this run and a number.
         self._run = secrets.token_hex(4)
         self._number = 0
+        self._frames = 0
         self._erased = Erased()
         self._inbox = bus.inbox(capacity=10_000)
+        folder = settings.state_folder
+        self._state_file = StateFile(
+            None if folder is None else folder / "geofence.state",
+            settings.state_every,
+            self._snapshot,
+            health,
+            what="who is in which zone",
+            loss="whoever is inside would enter once more",
+        )
 
     def run(self) -> None:
         """Test frames as they come until asked to stop."""
+        self._restore()
+        self._show_zones()
+        self._inbox.subscribe(self.keys.zones(), ZoneSet, cached=True)
         self._inbox.subscribe(self.keys.tracks(), TrackFrame)
+        self._inbox.subscribe(self.keys.revisions(), Revision)
         self._inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
-        if not self.site.zones:
-            log.info("the site file names no zones: there is nothing to watch")
-        for zone in self.site.zones:
-            OCCUPANCY.labels(zone.id).set(0)
+        if not self._watch.plan.zones:
+            log.info("the site file names no zones, and nobody drew any yet: there is nothing to watch")
         self.health.ready.set()
         while not self.stopping.is_set():
             for delivery in self._inbox.receive(timeout=0.5):
-                if isinstance(delivery.message, TrackFrame):
-                    self._take(self._erased.from_tracks(delivery.message), delivery.trace.origin)
-                elif isinstance(delivery.message, Erasure):
-                    self._erase(delivery.message.device)
+                message, origin = delivery.message, delivery.trace.origin
+                if isinstance(message, TrackFrame):
+                    self._take(self._erased.from_tracks(message), origin)
+                elif isinstance(message, Revision):
+                    self._revise(self._erased.from_revision(message), origin)
+                elif isinstance(message, Erasure):
+                    self._erase(message.device)
+                elif isinstance(message, ZoneSet):
+                    self._follow(message)
             self._watch_silence()
+            self._count()
+            self._state_file.save_if_due(self._frames)
+        self._state_file.save_last(self._frames)
 
     def stop(self) -> None:
         """Stop, and do not wait for a frame that may not come."""
         super().stop()
         self._inbox.wake()
 
-    def _erase(self, device: str) -> None:
-        """Name a device whose consent was withdrawn in no alert from now on."""
-        self._erased.add(device)
-        for area in self._areas.values():
-            area.devices = {track: name for track, name in area.devices.items() if name != device}
-
-    def _new_crossings(self) -> Crossings:
-        return Crossings(self._index, self.settings.geofence_min_seconds, self.settings.geofence_grace)
+    # -- what comes --------------------------------------------------------------------------------------------------
 
     def _take(self, frame: TrackFrame, origin: float) -> None:
-        area = self._areas.get(frame.area)
-        if area is None:
+        people = self._watch.areas.get(frame.area)
+        if people is None:
             LEFT_OUT.labels("area not in the site file").inc()
             return
-        if not self.site.zones:
-            return
-        if frame.t <= area.t:
-            if area.t - frame.t < NEW_PASS:
+        if frame.t <= people.t:
+            if people.t - frame.t < NEW_PASS:
                 LEFT_OUT.labels("late").inc()
                 return
-            log.info("time ran back: a new pass begins", area=frame.area, seconds=round(area.t - frame.t, 1))
-            self._publish(area.crossings.close(area.t), area, frame.area, origin)
-            area.crossings = self._new_crossings()
-            area.devices.clear()
-        area.t, area.heard = frame.t, time.monotonic()
+            log.info("time ran back: a new pass begins", area=frame.area, seconds=round(people.t - frame.t, 1))
+            self._publish(self._watch.begin_anew(frame.area), origin)
+        self._heard[frame.area] = time.monotonic()
+        self._frames += 1
         self.health.well(f"tracks of {frame.area}")
-        track = np.array(frame.track, np.int64)
-        x, y = np.array(frame.x, float), np.array(frame.y, float)
-        floor = self._index.floors_of(frame.floor)
-        former, devices = frame.former, frame.device
-        _, once = np.unique(track, return_index=True)
-        if len(once) == len(track):
-            once = np.arange(len(track))
-        else:
+        sighting = sighting_of(frame, self._watch.plan)
+        if len(sighting.track) < len(frame.track):
             LEFT_OUT.labels("a track named twice: its second place").inc()
-            track, x, y, floor = track[once], x[once], y[once], floor[once]
-            former, devices = [former[place] for place in once.tolist()], [devices[place] for place in once.tolist()]
-        for number, device in zip(track.tolist(), devices, strict=True):
-            if device is not None:
-                area.devices[number] = device
-            else:
-                area.devices.pop(number, None)  # its phone turned out to be somebody else's
-        known = self._known_well(frame, once, floor, x, y)
-        rest, well = np.flatnonzero(~known), np.flatnonzero(known)
-        area.crossings.hold(frame.t, track[rest], [former[row] for row in rest.tolist()], track[well])
-        earlier = [former[row] for row in well.tolist()]
-        happened = area.crossings.step(frame.t, track[well], floor[well], x[well], y[well], earlier, track[rest])
-        POSITIONS.inc(len(track))
-        self._publish(happened, area, frame.area, origin)
-        if len(area.devices) > 2 * len(area.crossings.tracks) + 64:
-            remembered = set(area.crossings.tracks.tolist())
-            area.devices = {number: device for number, device in area.devices.items() if number in remembered}
+        POSITIONS.inc(len(sighting.track))
+        self._publish(self._watch.step(frame.area, sighting), origin)
 
-    def _known_well(
-        self, frame: TrackFrame, rows: NDArray[np.int64], floor: NDArray[np.int64], x: Floats, y: Floats
-    ) -> NDArray[np.bool_]:
-        """Whether each of ``rows`` of a frame is surely on one side of every border.
+    def _revise(self, revision: Revision, origin: float) -> None:
+        if revision.area in self._watch.areas:
+            self._publish(self._watch.revise(revision), origin)
 
-        Cameras see whom they see. Whom no camera sees is somewhere within metres: unless that is wholly inside or
-        wholly outside of every zone, nothing is said.
-        """
-        known = np.ones(len(rows), np.bool_)
-        unseen = np.array([place for place, row in enumerate(rows.tolist()) if frame.state[row] == "unseen"], np.int64)
-        if len(unseen):
-            matrices = covariances(frame)[rows[unseen]]
-            radius = SURE * np.sqrt(np.linalg.eigvalsh(matrices)[:, 1])
-            known[unseen] = self._index.clear_of_borders(x[unseen], y[unseen], floor[unseen], radius)
-        return known
+    def _erase(self, device: str) -> None:
+        """Name a device whose consent was withdrawn in no alert from now on, and in no saved state."""
+        self._erased.add(device)
+        self._watch.erase(device)
+        self._frames += 1
+        self._state_file.save_soon()
+
+    def _follow(self, told: ZoneSet) -> None:
+        """Watch the zones of a newer set."""
+        if told.version <= self._told_version:
+            return
+        self._told_version = told.version
+        if told.version == self._version and told.zones == self._zones:
+            return
+        plan = self._plan(told.zones, max(told.version, 1))
+        for topic in self.health.problems():
+            if topic.startswith("zone ") and topic.removeprefix("zone ") not in plan.problems:
+                self.health.well(topic)
+        gone = set(self._watch.plan.zones) - set(plan.zones)
+        self._publish(self._watch.follow(plan, time.time()), time.time())
+        for zone in gone:
+            OCCUPANCY.remove(zone)
+            if zone in self._alerts:
+                self._alerts.pop(zone).close()
+        self._zones, self._version = list(told.zones), told.version
+        self._frames += 1
+        self._state_file.save_soon()
+        log.info("zones changed", version=told.version, zones=len(plan.zones), left_out=len(plan.problems))
+        self._show_zones()
 
     def _watch_silence(self) -> None:
         now = time.monotonic()
-        for name, area in self._areas.items():
-            quiet = now - area.heard
+        for name, heard in self._heard.items():
+            quiet = now - heard
             if quiet > self.settings.geofence_silence:
                 reason = f"no tracks for {self.settings.geofence_silence:g} s: everybody counts as gone"
                 self.health.degraded(f"tracks of {name}", reason)
-                self._publish(area.crossings.close(area.t + quiet), area, name, time.time())
-                area.heard = math.inf
+                self._publish(self._watch.empty(name, self._watch.areas[name].t + quiet), time.time())
+                self._heard[name] = math.inf
+                self._frames += 1
 
-    def _publish(self, happened: list[Crossing], area: _Area, name: str, origin: float) -> None:
-        for crossing in happened:
-            zone = self.site.zones[crossing.zone]
-            occupancy = sum(int(each.crossings.occupancy[crossing.zone]) for each in self._areas.values())
-            OCCUPANCY.labels(zone.id).set(occupancy)
-            if crossing.kind not in zone.alert_on:
-                continue
+    # -- what goes ---------------------------------------------------------------------------------------------------
+
+    def _publish(self, told: Sequence[Told], origin: float) -> None:
+        for one in told:
+            zone = self._watch.plan.zone_of[one.rule.border]
             self._number += 1
             alert = Alert(
-                t=crossing.t,
+                t=one.t,
                 id=f"{self._run}-{self._number}",
                 zone=zone.id,
-                kind=crossing.kind,
-                area=name,
-                track=crossing.track,
+                kind=one.rule.rule.kind,
+                area=one.area,
+                track=one.track,
                 floor=zone.floor,
-                x=round(crossing.x, 3),
-                y=round(crossing.y, 3),
-                device=area.devices.get(crossing.track),
+                x=round(one.x, 3),
+                y=round(one.y, 3),
+                device=one.device,
+                rule=one.rule.told_as,
+                value=None if one.value is None else round(one.value, 3),
+                limit=one.rule.rule.limit,
+                direction=one.direction,
+                other_track=one.other_track,
+                other_device=one.other_device,
             )
-            self._publishers[crossing.zone].publish(alert, origin)
-            ALERTS.labels(zone.id, crossing.kind).inc()
-            log.debug("alert", zone=zone.id, kind=crossing.kind, track=crossing.track)
+            self._publisher(zone.id).publish(alert, origin)
+            ALERTS.labels(zone.id, alert.kind).inc()
+            log.debug("alert", zone=zone.id, kind=alert.kind, track=alert.track)
+
+    def _publisher(self, zone: str) -> Publisher[Alert]:
+        """Return the publisher of a zone's alerts, made at its first: of many zones most never have one."""
+        publisher = self._alerts.get(zone)
+        if publisher is None:
+            history = self.settings.geofence_history
+            publisher = self._alerts[zone] = self.bus.publisher(
+                self.keys.alert(zone), Alert, cached=True, history=history
+            )
+        return publisher
+
+    def _count(self) -> None:
+        """Tell how many people are in each zone, when it is time."""
+        now = time.monotonic()
+        newest = max((people.t for people in self._watch.areas.values()), default=-math.inf)
+        if now - self._counted_at < self.settings.geofence_occupancy_every or not math.isfinite(newest):
+            return
+        self._counted_at = now
+        counts = self._watch.counts()
+        for zone, (people, _) in counts.items():
+            OCCUPANCY.labels(zone).set(people)
+        self._counts.publish(
+            Occupancy(
+                t=newest,
+                zone=list(counts),
+                people=[people for people, _ in counts.values()],
+                phones=[phones for _, phones in counts.values()],
+            )
+        )
+
+    # -- zones and state ---------------------------------------------------------------------------------------------
+
+    def _plan(self, zones: Sequence[ZoneDefinition], version: int) -> ZonePlan:
+        margin, min_seconds = self.settings.geofence_margin, self.settings.geofence_min_seconds
+        return ZonePlan.of(zones, self.site, margin, min_seconds, named=version > 0)
+
+    def _new_watch(self, zones: Sequence[ZoneDefinition], version: int) -> Watch:
+        areas = [area.id for area in self.site.areas]
+        return Watch(self._plan(zones, version), areas, self._clock, self.settings.geofence_grace)
+
+    def _show_zones(self) -> None:
+        plan = self._watch.plan
+        ZONES_VERSION.set(self._version)
+        for zone, problem in plan.problems.items():
+            self.health.degraded(f"zone {zone}", problem)
+        for zone, (people, _) in self._watch.counts().items():
+            OCCUPANCY.labels(zone).set(people)
+
+    def _snapshot(self) -> tuple[int, Callable[[], bytes]]:
+        state = SavedState(
+            format=FORMAT, site=self.site.site, version=self._version, zones=self._zones, watch=self._watch.state()
+        )
+        return self._frames, lambda: write_state(state)
+
+    def _restore(self) -> None:
+        try:
+            data = self._state_file.read()
+            if data is None:
+                return
+            state = read_state(data, self.site.site)
+            watch = self._new_watch(state.zones, state.version)
+            watch.restore(state.watch)
+        except (OSError, SavedStateError, ValueError, TypeError, KeyError, IndexError) as error:
+            log.warning("starting without the saved state", reason=str(error))
+            return
+        self._watch = watch
+        if state.version == 0 and state.zones != self._zones:
+            # The site file was edited meanwhile; nobody is told of those its new shapes no longer hold.
+            watch.follow(self._plan(self._zones, 0), time.time())
+        else:
+            self._zones, self._version = state.zones, state.version
+        now = time.monotonic()
+        self._heard = {name: now if math.isfinite(people.t) else math.inf for name, people in watch.areas.items()}
+        log.info("state restored", zones=len(self._zones), version=self._version)
+
+
+def sighting_of(frame: TrackFrame, plan: ZonePlan) -> Sighting:
+    """Return a frame's tracks as arrays, each track once."""
+    track = np.array(frame.track, np.int64)
+    sighting = Sighting(
+        frame.t,
+        track,
+        plan.borders.index.floors_of(frame.floor),
+        np.array(frame.x, float),
+        np.array(frame.y, float),
+        np.column_stack([np.array(frame.vx, float), np.array(frame.vy, float)]),
+        np.array(frame.covariance, float).reshape(-1, 3),
+        np.fromiter((state != "unseen" for state in frame.state), np.bool_, len(track)),
+        frame.device,
+        frame.former,
+    )
+    once = np.unique(track, return_index=True)[1]
+    if len(once) == len(track):
+        return sighting
+    arrays = {
+        name: getattr(sighting, name)[once] for name in ("track", "floor", "x", "y", "velocity", "covariance", "seen")
+    }
+    rows = once.tolist()
+    device, former = [frame.device[row] for row in rows], [frame.former[row] for row in rows]
+    return Sighting(t=frame.t, device=device, former=former, **arrays)

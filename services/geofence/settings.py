@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from pydantic import Field
 
 from shared.settings import ServiceSettings
@@ -13,13 +15,13 @@ class GeofenceSettings(ServiceSettings):
     """Settings of the zone alerts. Wider margins and longer waits mean calmer, later alerts."""
 
     geofence_margin: float = Field(
-        0.3,
-        ge=0,
-        le=10,
-        description="metres on either side of a border in which nothing changes; deeper counts as inside at once",
+        0.25, ge=0, le=2, description="metres outside of a border in which somebody inside is not taken to have left"
     )
     geofence_min_seconds: float = Field(
-        0.5, ge=0, le=60, description="seconds on the other side of a border until it counts as crossed"
+        0.2,
+        ge=0,
+        le=60,
+        description="seconds for which somebody must surely be across a border; who may be is waited for longer",
     )
     geofence_grace: float = Field(
         2.0, gt=0, le=600, description="seconds after which a track that vanished inside a zone has left it"
@@ -30,3 +32,10 @@ class GeofenceSettings(ServiceSettings):
     geofence_history: int = Field(
         200, ge=1, le=100_000, description="alerts of each zone kept for readers that join later"
     )
+    geofence_occupancy_every: float = Field(
+        2.0, gt=0, le=3600, description="seconds between two counts of the people in every zone"
+    )
+    state_folder: Path | None = Field(
+        None, description="where it is kept across restarts who is inside of what and what was told"
+    )
+    state_every: float = Field(5.0, gt=0.0, le=3600.0, description="seconds between two saved states")

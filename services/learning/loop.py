@@ -134,6 +134,10 @@ class LearningLoop:
         self._to_forget.add(device)
         self._forget_stored()
 
+    def holds(self, device: str) -> bool:
+        """Whether something of a phone whose owner withdrew consent may still be in the database."""
+        return self._withdrawn or device in self._to_forget
+
     def _forget(self, device: str) -> None:
         self.lessons.forget(device)
         self._trials.forget(device)

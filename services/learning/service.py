@@ -26,6 +26,7 @@ from services.learning.learners import Tools, areas_of, lessons_of
 from services.learning.loop import LearningLoop
 from services.learning.settings import LearningSettings
 from services.learning.thread_executor import DaemonExecutor
+from shared.acknowledgements import Acknowledgements
 from shared.bus import Bus, Publisher, Question
 from shared.database import unreachable
 from shared.messages import (
@@ -91,6 +92,9 @@ class LearningService(Service[LearningSettings]):
         self._publishers: OrderedDict[str, Publisher[Message]] = OrderedDict()
         self._questions: queue.SimpleQueue[tuple[Question, bool]] = queue.SimpleQueue()
         """With whether it is an order; else the report is asked for."""
+        self._acknowledged = Acknowledgements(bus, self.keys, self.name)
+        self._erasing: set[str] = set()
+        """Devices whose erasure is not acknowledged yet."""
         self._failed: set[str] = set()
         """Lessons whose failure the health page tells."""
         self._began = time.monotonic()
@@ -129,6 +133,7 @@ class LearningService(Service[LearningSettings]):
                 self._answer(*self._questions.get())
             if time.monotonic() - looked >= TURN:
                 self._guarded(lambda: self.loop.look(time.time()))
+                self._acknowledge()
                 self._tell_health()
                 looked = time.monotonic()
         self._guarded(lambda: self.loop.save(time.time()))
@@ -148,6 +153,7 @@ class LearningService(Service[LearningSettings]):
     def _take(self, message: Message) -> None:
         if isinstance(message, Erasure):
             self._retract(message.device)  # first: whether or not the database is there
+            self._erasing.add(message.device)
         self.loop.take(message)
 
     def _retract(self, device: str) -> None:
@@ -157,6 +163,12 @@ class LearningService(Service[LearningSettings]):
             if publisher is not None:
                 publisher.close()
         self.loop.decisions.forget(device)
+
+    def _acknowledge(self) -> None:
+        """Tell of whom nothing is stored any more."""
+        for device in [device for device in self._erasing if not self.loop.holds(device)]:
+            self._acknowledged.tell(device)
+            self._erasing.discard(device)
 
     def _guarded(self, work: Any) -> None:
         """Do something that needs the database; while that is away, learning goes on in memory and says so."""

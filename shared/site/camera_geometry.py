@@ -1,4 +1,4 @@
-"""Which place on the floor does this pixel see? One projective camera with first-order radial distortion.
+"""Which place on the floor does this pixel see? One projective camera with radial distortion.
 
 Three ways in: a Tsai calibration file, pairs of image and plan points, or the pose the camera was mounted in.
 Pixels count from the centre of the top-left pixel (0, 0); the plan is metres, z upwards from the camera's own floor.
@@ -13,16 +13,32 @@ from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-__all__ = ["CameraGeometry", "GeometryError"]
+from shared.site.pose_fit import PATIENCE, fit_pose, focal_candidates, focal_guesses
+
+__all__ = ["CameraGeometry", "GeometryError", "LensModel", "straightened"]
 
 Array = NDArray[np.float64]
 
 
 class GeometryError(ValueError):
     """The calibration cannot be used: the text says why."""
+
+
+@dataclass(frozen=True)
+class LensModel:
+    """A lens as a moving checkerboard tells it.
+
+    Attributes:
+        focal: fx, fy in pixels.
+        centre: principal point, pixels.
+        radial: k1, k2: distorted = ideal · (1 + k1 r² + k2 r⁴) in normalised coordinates.
+    """
+
+    focal: tuple[float, float]
+    centre: tuple[float, float]
+    radial: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -36,6 +52,7 @@ class CameraGeometry:
         rotation: (3, 3), plan axes to camera axes (x right, y down, z forward).
         translation: (3,), camera = rotation @ plan + translation, metres.
         distortion: κ of Tsai's model in normalised coordinates: undistorted = distorted · (1 + κ r²).
+        radial: k1, k2 of a calibrated lens the other way round: distorted = undistorted · (1 + k1 r² + k2 r⁴).
     """
 
     image_size: tuple[int, int]
@@ -44,6 +61,7 @@ class CameraGeometry:
     rotation: Array
     translation: Array
     distortion: float = 0.0
+    radial: tuple[float, float] = (0.0, 0.0)
 
     @property
     def position(self) -> Array:
@@ -57,7 +75,8 @@ class CameraGeometry:
         A pixel that looks at or above the horizon sees no floor: its row is NaN.
         """
         distorted = (np.asarray(pixels, float).reshape(-1, 2) - self.centre) / self.focal
-        ideal = distorted * (1.0 + self.distortion * np.sum(distorted**2, axis=1, keepdims=True))
+        ideal = straightened(distorted, self.radial)
+        ideal = ideal * (1.0 + self.distortion * np.sum(ideal**2, axis=1, keepdims=True))
         rays = np.column_stack([ideal, np.ones(len(ideal))]) @ self.rotation
         position = self.position
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -67,7 +86,7 @@ class CameraGeometry:
         return ground
 
     def to_image(self, points: Array) -> Array:
-        """Return the pixels (n, 2) at which plan points (n, 3) appear; NaN for points behind the camera."""
+        """Return the pixels (n, 2) at which plan points (n, 3) appear; NaN where the camera cannot see."""
         local = np.asarray(points, float).reshape(-1, 3) @ self.rotation.T + self.translation
         with np.errstate(divide="ignore", invalid="ignore"):
             ideal = local[:, :2] / local[:, 2:]
@@ -103,6 +122,7 @@ class CameraGeometry:
             rotation=self.rotation,
             translation=self.translation,
             distortion=self.distortion,
+            radial=self.radial,
         )
 
     @classmethod
@@ -142,11 +162,13 @@ class CameraGeometry:
         )
 
     @classmethod
-    def from_points(cls, image_size: tuple[int, int], image: Array, plan: Array) -> CameraGeometry:
+    def from_points(
+        cls, image_size: tuple[int, int], image: Array, plan: Array, lens: LensModel | None = None
+    ) -> CameraGeometry:
         """Return the camera that sees floor points ``plan`` (n, 2) at pixels ``image`` (n, 2), n >= 4.
 
-        Square pixels and a principal point in the middle of the picture are assumed, so that points on the floor
-        alone give the full pose, and with it how tall a person appears. Distances in the image are minimised.
+        Without a calibrated ``lens``, square pixels, no distortion and a principal point in the middle of the picture
+        are assumed, so that points on the floor alone give the full pose. Distances in the image are minimised.
 
         Raises:
             GeometryError: fewer than four points, points on one line, or no camera above the floor fits them.
@@ -161,23 +183,7 @@ class CameraGeometry:
             spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
             if spread[1] <= 1e-3 * spread[0]:
                 raise GeometryError(f"the {name} points lie on one line")
-        centre = np.array(_middle(image_size))
-        best = None
-        for focal in _focal_candidates(image_size):
-            try:
-                pose = _pose_from_homography(_homography(plan, (image - centre) / focal))
-                start = np.concatenate([[math.log(focal)], pose])
-                fit = least_squares(
-                    _reprojection, start, args=(plan, image, centre), method="lm", x_scale="jac", max_nfev=800
-                )
-            except (np.linalg.LinAlgError, ValueError):
-                continue  # from here the points make no camera; another start may
-            if best is None or fit.cost < best.cost:
-                best = fit
-        if best is None:
-            raise GeometryError("no camera above the floor sees these points: check the pairs")
-        focal, rotation, translation = _unpack(best.x)
-        camera = cls(image_size, (focal, focal), (centre[0], centre[1]), rotation, translation)
+        camera = cls.fitted(image_size, image, plan, lens)
         residual = np.linalg.norm(camera.to_image(np.column_stack([plan, np.zeros(len(plan))])) - image, axis=1)
         limit = 0.02 * math.hypot(*image_size)
         if not np.all(residual < limit) or camera.position[2] <= 0.0:
@@ -187,6 +193,40 @@ class CameraGeometry:
                 f"(at most {limit:.0f}); check the pairs"
             )
         return camera
+
+    @classmethod
+    def fitted(
+        cls,
+        image_size: tuple[int, int],
+        image: Array,
+        plan: Array,
+        lens: LensModel | None = None,
+        *,
+        quick: bool = False,
+    ) -> CameraGeometry:
+        """Return the camera that fits best, however badly; arguments as for ``from_points``.
+
+        ``quick`` is for pairs that either fit or show soon that they do not: one start, a quarter of the patience.
+
+        Raises:
+            GeometryError: there is none at all.
+        """
+        if lens is None:
+            centre, radial = _middle(image_size), (0.0, 0.0)
+            focals = focal_guesses(plan, image - centre, image_size[0]) if quick else focal_candidates(image_size[0])
+            fit = fit_pose(plan, image - centre, focals, patience=PATIENCE // 4 if quick else PATIENCE)
+        else:
+            centre, radial = lens.centre, lens.radial
+            ideal = straightened((image - centre) / lens.focal, radial)
+            if not np.isfinite(ideal).all():
+                worst = int(np.argmin(np.isfinite(ideal).all(axis=1)))
+                raise GeometryError(f"point {worst} lies where the lens sees nothing: is this lens of this camera?")
+            middle = math.sqrt(lens.focal[0] * lens.focal[1])
+            fit = fit_pose(plan, ideal * middle, [middle], fixed=True)
+        if fit is None:
+            raise GeometryError("no camera above the floor sees these points: check the pairs")
+        focal = (fit.focal, fit.focal) if lens is None else lens.focal
+        return cls(image_size, focal, centre, fit.rotation, fit.translation, radial=radial)
 
     @classmethod
     def from_tsai_file(cls, path: Path) -> CameraGeometry:
@@ -214,7 +254,16 @@ class CameraGeometry:
             raise GeometryError(f"{path}: not a Tsai calibration: {error}") from error
 
     def _distort(self, ideal: Array) -> Array:
-        """Solve distorted · (1 + κ r²) = ideal for the distorted coordinates by Newton's method on the radius."""
+        """Return where the lens shows ideal coordinates (n, 2).
+
+        For Tsai's model distorted · (1 + κ r²) = ideal is solved by Newton's method on the radius.
+        """
+        k1, k2 = self.radial
+        if k1 or k2:
+            square = np.sum(ideal**2, axis=1, keepdims=True)
+            slope = 1.0 + square * (3.0 * k1 + square * 5.0 * k2)
+            # Where the polynomial turns back, places far outside of the view would appear in the picture.
+            return np.where(slope > 0.0, ideal * (1.0 + square * (k1 + square * k2)), np.nan)
         if self.distortion == 0.0:
             return ideal
         radius = np.linalg.norm(ideal, axis=1)
@@ -228,6 +277,31 @@ class CameraGeometry:
         return distorted
 
 
+def straightened(distorted: Array, radial: tuple[float, float]) -> Array:
+    """Return ideal coordinates (n, 2) of distorted ones; NaN where the lens shows nothing.
+
+    Args:
+        distorted: (n, 2), normalised: (pixel - centre) / focal.
+        radial: k1, k2 with distorted = ideal · (1 + k1 r² + k2 r⁴); solved by Newton's method on the radius.
+    """
+    k1, k2 = radial
+    if not (k1 or k2):
+        return distorted
+    radius = np.linalg.norm(distorted, axis=1)
+    solved = radius.copy()
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        for _ in range(20):
+            square = solved**2
+            slope = 1.0 + square * (3.0 * k1 + square * 5.0 * k2)
+            solved = solved - (solved * (1.0 + square * (k1 + square * k2)) - radius) / slope
+        square = solved**2
+        told = np.abs(solved * (1.0 + square * (k1 + square * k2)) - radius) <= 1e-9 * (1.0 + radius)
+        told &= (1.0 + square * (3.0 * k1 + square * 5.0 * k2) > 0.0) & (solved >= 0.0)
+        ratio = np.where(radius > 1e-12, solved / radius, 1.0)
+    ideal: Array = np.where(told[:, None], distorted * ratio[:, None], np.nan)
+    return ideal
+
+
 def _middle(image_size: tuple[int, int]) -> tuple[float, float]:
     return (image_size[0] - 1) / 2.0, (image_size[1] - 1) / 2.0
 
@@ -237,55 +311,3 @@ def _numbers(root: ElementTree.Element, tag: str) -> dict[str, float]:
     if element is None:
         raise KeyError(f"element <{tag}> is missing")
     return {name: float(value) for name, value in element.attrib.items()}
-
-
-def _focal_candidates(image_size: tuple[int, int]) -> list[float]:
-    """Start values from a very wide (110 degrees) to a narrow (15 degrees) lens: the fit is not convex in the focal."""
-    return [image_size[0] / 2.0 / math.tan(math.radians(fov) / 2.0) for fov in (110, 80, 55, 35, 15)]
-
-
-def _homography(source: Array, target: Array) -> Array:
-    """Direct linear transform with Hartley normalisation: (3, 3) with target ~ H · source."""
-    (a, from_source), (b, from_target) = _normalised(source), _normalised(target)
-    rows = []
-    for (x, y), (u, v) in zip(a, b, strict=True):
-        rows.append([x, y, 1, 0, 0, 0, -u * x, -u * y, -u])
-        rows.append([0, 0, 0, x, y, 1, -v * x, -v * y, -v])
-    solution = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 3)
-    homography: Array = np.linalg.inv(from_target) @ solution @ from_source
-    return homography
-
-
-def _normalised(points: Array) -> tuple[Array, Array]:
-    mean = points.mean(axis=0)
-    scale = math.sqrt(2.0) / float(np.mean(np.linalg.norm(points - mean, axis=1)))
-    transform = np.array([[scale, 0, -scale * mean[0]], [0, scale, -scale * mean[1]], [0, 0, 1.0]])
-    return (points - mean) * scale, transform
-
-
-def _pose_from_homography(homography: Array) -> Array:
-    """Return rotation vector and translation (6,) of the camera whose floor homography this is (unit focal)."""
-    columns = homography / math.sqrt(np.linalg.norm(homography[:, 0]) * np.linalg.norm(homography[:, 1]))
-    poses = []
-    for sign in (1.0, -1.0):
-        first, second, translation = (sign * columns).T
-        u, _, vt = np.linalg.svd(np.stack([first, second, np.cross(first, second)], axis=1))
-        rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-        height = (-rotation.T @ translation)[2]
-        poses.append((height, np.concatenate([Rotation.from_matrix(rotation).as_rotvec(), translation])))
-    # Of the two signs, one puts the points behind the camera; on a plan with z upwards the other hangs above the floor.
-    return max(poses, key=lambda pose: pose[0])[1]
-
-
-def _unpack(parameters: Array) -> tuple[float, Array, Array]:
-    rotation = Rotation.from_rotvec(parameters[1:4]).as_matrix()
-    return math.exp(parameters[0]), rotation, parameters[4:7]
-
-
-def _reprojection(parameters: Array, plan: Array, image: Array, centre: Array) -> Array:
-    focal, rotation, translation = _unpack(parameters)
-    local = np.column_stack([plan, np.zeros(len(plan))]) @ rotation.T + translation
-    # A wall at the lens: a point that slips behind the camera costs dearly, where its mirror image would fit.
-    depth = np.maximum(local[:, 2:], 1e-3)
-    residual: Array = (focal * local[:, :2] / depth + centre - image).ravel()
-    return residual

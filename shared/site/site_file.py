@@ -21,7 +21,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 from shared.keys import is_identifier
 from shared.part_file import Part
 from shared.redaction import redact_url
-from shared.site.camera_geometry import CameraGeometry
+from shared.site.camera_geometry import CameraGeometry, LensModel
 from shared.site.floor_plan import FloorPlan
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "Area",
     "Camera",
     "Floor",
+    "Lens",
     "Part",
     "PointsGeometry",
     "PoseGeometry",
@@ -68,6 +69,12 @@ def _finite(value: float) -> float:
     if not math.isfinite(value):
         raise ValueError("must be a finite number")
     return value
+
+
+def _positive(pair: tuple[float, float]) -> tuple[float, float]:
+    if min(pair) <= 0.0:
+        raise ValueError("must be two numbers above 0")
+    return pair
 
 
 def _simple_polygon(ring: list[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -179,6 +186,25 @@ class TsaiGeometry(Part):
         return CameraGeometry.from_tsai_file(self.file)
 
 
+class Lens(Part):
+    """A calibrated lens, as ``atrium calibrate-lens`` finds it: k1 and k2 of OpenCV's model, the rest in pixels."""
+
+    image_size: ImageSize
+    focal: Annotated[tuple[Number, Number], AfterValidator(_positive)]
+    centre: Point
+    k1: Annotated[Number, Field(ge=-5, le=5)]
+    k2: Annotated[Number, Field(ge=-25, le=25)] = 0.0
+
+    def model(self, image_size: tuple[int, int]) -> LensModel:
+        """Return the lens for pictures of another size (pixel centres at integers)."""
+        sx, sy = (wanted / own for wanted, own in zip(image_size, self.image_size, strict=True))
+        return LensModel(
+            focal=(self.focal[0] * sx, self.focal[1] * sy),
+            centre=((self.centre[0] + 0.5) * sx - 0.5, (self.centre[1] + 0.5) * sy - 0.5),
+            radial=(self.k1, self.k2),
+        )
+
+
 class PointsGeometry(Part):
     """At least four pairs of a pixel and the place on the floor it shows."""
 
@@ -186,10 +212,13 @@ class PointsGeometry(Part):
     image_size: ImageSize
     image: Annotated[list[Point], Field(min_length=4)]
     plan: Annotated[list[Point], Field(min_length=4)]
+    lens: Lens | None = None
+    """Where the lens was calibrated; otherwise straight lines are taken to be straight in the picture."""
 
     def build(self) -> CameraGeometry:
         """Return the calibrated camera."""
-        return CameraGeometry.from_points(self.image_size, np.array(self.image), np.array(self.plan))
+        lens = None if self.lens is None else self.lens.model(self.image_size)
+        return CameraGeometry.from_points(self.image_size, np.array(self.image), np.array(self.plan), lens)
 
 
 class PoseGeometry(Part):

@@ -1,4 +1,4 @@
-"""Read a site file and check it whole before anything starts.
+"""Read a site file, and what was set up in the browser over it, and check it whole before anything starts.
 
 Every mistake is one message that names the file, the path inside it, the value found and what is allowed.
 """
@@ -13,9 +13,10 @@ import numpy as np
 
 from shared.part_file import PartFileError, read_part_file
 from shared.site.camera_geometry import GeometryError
+from shared.site.setup_file import apply_setup, read_setup, setup_path
 from shared.site.site_file import Site
 
-__all__ = ["SiteError", "load_site"]
+__all__ = ["SiteError", "load_site", "site_problems"]
 
 
 class SiteError(ValueError):
@@ -23,23 +24,28 @@ class SiteError(ValueError):
 
 
 def load_site(path: str | Path) -> Site:
-    """Read and check a site file.
+    """Read and check a site file, and lay over it what was set up in the browser (``setup_file``).
 
     Raises:
-        SiteError: the file is missing, is not YAML, or anything in it is wrong; all mistakes are named at once.
+        SiteError: a file is missing, is not YAML, or anything in it is wrong; all mistakes are named at once.
     """
     path = Path(path)
     try:
         site = read_part_file(path, Site)
+        setup = read_setup(path)
     except PartFileError as error:
         raise SiteError(str(error)) from error
-    problems = list(_cross_check(site))
+    problems = [f"{path}: {problem}" for problem in site_problems(site)]
+    if setup is not None and not problems:
+        over = setup_path(path)
+        site = apply_setup(site, setup, lambda problem: problems.append(f"{over}: {problem}"))
+        problems += [f"{over}: {problem}" for problem in site_problems(site)]
     if problems:
-        raise SiteError("\n".join(f"{path}: {problem}" for problem in problems))
+        raise SiteError("\n".join(problems))
     return site
 
 
-def _cross_check(site: Site) -> Iterable[str]:
+def site_problems(site: Site) -> Iterable[str]:
     """Yield what single fields cannot show: names used twice, names that lead nowhere, cameras that see no floor."""
     for name in ("floors", "areas", "cameras", "access_points", "zones"):
         counts = Counter(part.id for part in getattr(site, name))

@@ -13,9 +13,10 @@ from services.geofence.service import GeofenceService
 from services.geofence.settings import GeofenceSettings
 from shared.bus import Bus, Inbox, router
 from shared.keys import Keys
-from shared.messages import Alert, TrackFrame
+from shared.messages import Alert, Erasure, Message, Occupancy, TrackFrame
 from shared.runner import Health
 from shared.site import Site, load_site
+from shared.zones import ZoneDefinition, ZoneRule, ZoneSet
 
 KEYS = Keys("hall")
 DEADLINE = 15.0
@@ -55,7 +56,7 @@ def site(project: Path) -> Site:
 
 
 @contextmanager
-def running(site: Site, project: Path, endpoint: str, **changes: float) -> Iterator[GeofenceService]:
+def running(site: Site, project: Path, endpoint: str, **changes: object) -> Iterator[GeofenceService]:
     settings = GeofenceSettings(site_file=project / SITE, profile="demo", bus=[endpoint], **changes)  # type: ignore[arg-type]
     with Bus([endpoint]) as bus:
         service = GeofenceService(settings, site, bus, Health.__new__(Health))
@@ -179,7 +180,7 @@ def test_whom_no_camera_sees_crosses_a_border_only_when_that_is_sure(
 
     with running(site, project, zenoh_router) as service:
         ear = Ear()
-        service._publishers = [ear] * len(site.zones)  # type: ignore[list-item]
+        service._publisher = lambda zone: ear  # type: ignore[assignment, method-assign, return-value]
         t = 1000.0
         scenes = [(1.5, 1.2, []), (0.3, 1.2, ["enter"]), (1.5, 4.5, ["enter"]), (0.3, 4.5, ["enter", "exit"])]
         for sigma, y, expected in scenes:
@@ -187,3 +188,109 @@ def test_whom_no_camera_sees_crosses_a_border_only_when_that_is_sure(
                 t += 1 / 15
                 service._take(frame(t, 10.0, y, unseen=sigma), t)
             assert [alert.kind for alert in ear.alerts] == expected, (sigma, y)
+
+
+def zones(version: int, *found: ZoneDefinition) -> ZoneSet:
+    return ZoneSet(t=float(version), version=version, zones=list(found))
+
+
+def west(*kinds: str, limit: float | None = None) -> ZoneDefinition:
+    """The western part of the hall."""
+    rules = [ZoneRule(id=f"r-{kind}", kind=kind, limit=limit) for kind in kinds]  # type: ignore[arg-type]
+    return ZoneDefinition(id="west", floor="ground", points=[(0, 0), (6, 0), (6, 8), (0, 8)], rules=rules)
+
+
+def of_kind(inbox: Inbox, kind: type[Message], known: list[Message]) -> list[Message]:
+    known += [delivery.message for delivery in inbox.receive(timeout=0.05) if isinstance(delivery.message, kind)]
+    return known
+
+
+def test_zones_that_staff_draw_are_watched_instead_of_the_site_files(
+    site: Site, project: Path, zenoh_router: str
+) -> None:
+    with running(site, project, zenoh_router) as service, Bus([zenoh_router]) as bus:
+        inbox, known = bus.inbox(), []
+        inbox.subscribe(KEYS.alert(), Alert, cached=True)
+        publisher = bus.publisher(KEYS.zones(), ZoneSet, cached=True)
+        publisher.publish(zones(7, west("enter", "dwell", limit=1.0)))
+        wait_until(lambda: "west" in service._watch.plan.zones, DEADLINE, "the new zones")
+        t = walk_until(bus, 100.0, 3.0, 3.0, inbox, known, 2)
+        assert [(a.zone, a.kind, a.rule, a.limit) for a in known] == [
+            ("west", "enter", "r-enter", 1.0),
+            ("west", "dwell", "r-dwell", 1.0),
+        ]
+        # An older set is no news; a zone that cannot be watched is said, and the others are watched.
+        broken = ZoneDefinition(id="broken", floor="ground", points=[(0, 0), (1, 1), (1, 0), (0, 1)])
+        publisher.publish(zones(6))
+        publisher.publish(zones(8, west("exit"), broken))
+        wait_until(lambda: "zone broken" in service.health.problems(), DEADLINE, "the complaint")
+        walk_until(bus, t, 10.0, 3.0, inbox, known, 3)
+        assert [(a.zone, a.kind, a.rule) for a in known[2:]] == [("west", "exit", "r-exit")]
+        publisher.publish(zones(9, west("exit")))
+        wait_until(lambda: "zone broken" not in service.health.problems(), DEADLINE, "the complaint to go")
+
+
+def test_people_in_zones_are_told_every_few_seconds(site: Site, project: Path, zenoh_router: str) -> None:
+    with running(site, project, zenoh_router, geofence_occupancy_every=0.1), Bus([zenoh_router]) as bus:
+        inbox, alerted, told = bus.inbox(), [], []
+        counts: Inbox = bus.inbox()
+        inbox.subscribe(KEYS.alert(), Alert, cached=True)
+        counts.subscribe(KEYS.occupancy(), Occupancy)
+        walk_until(bus, 100.0, 10.0, 1.2, inbox, alerted, 1)
+        newest = wait_until(
+            lambda: next((one for one in reversed(of_kind(counts, Occupancy, told)) if sum(one.people)), None),  # type: ignore[attr-defined]
+            DEADLINE,
+            "a count",
+        )
+        assert isinstance(newest, Occupancy)
+        assert dict(zip(newest.zone, zip(newest.people, newest.phones, strict=True), strict=True)) == {
+            "entrance": (1, 1),
+            "model-corner": (0, 0),
+        }
+
+
+def test_a_restart_tells_nobody_inside_anew_and_keeps_the_zones(
+    site: Site, project: Path, zenoh_router: str, tmp_path: Path
+) -> None:
+    with Bus([zenoh_router]) as bus:
+        inbox, known = bus.inbox(), []
+        inbox.subscribe(KEYS.alert(), Alert, cached=True)
+        with running(site, project, zenoh_router, state_folder=tmp_path) as service:
+            publisher = bus.publisher(KEYS.zones(), ZoneSet)
+            publisher.publish(zones(3, west("enter", "exit")))
+            wait_until(lambda: "west" in service._watch.plan.zones, DEADLINE, "the new zones")
+            t = walk_until(bus, 100.0, 3.0, 3.0, inbox, known, 1)
+        # Nobody tells the zones again: they are as they were.
+        with running(site, project, zenoh_router, state_folder=tmp_path) as service:
+            assert service._watch.counts() == {"west": (1, 1)}
+            walk_until(bus, t, 10.0, 3.0, inbox, known, 2)
+        assert [(a.zone, a.kind, a.device) for a in known] == [
+            ("west", "enter", "phone-1"),
+            ("west", "exit", "phone-1"),
+        ]
+
+
+def test_an_erased_device_leaves_the_saved_state(site: Site, project: Path, zenoh_router: str, tmp_path: Path) -> None:
+    file = tmp_path / "geofence.state"
+    with (
+        running(site, project, zenoh_router, state_folder=tmp_path, state_every=0.1),
+        Bus([zenoh_router]) as bus,
+    ):
+        inbox, known = bus.inbox(), []
+        inbox.subscribe(KEYS.alert(), Alert, cached=True)
+        t = walk_until(bus, 100.0, 10.0, 1.2, inbox, known, 1)
+        tracks = bus.publisher(KEYS.tracks("hall"), TrackFrame)
+        tracks.publish(frame(t + 0.2, 10.0, 1.2))
+        wait_until(lambda: file.is_file() and b"phone-1" in file.read_bytes(), DEADLINE, "the saved state")
+        bus.publisher(KEYS.erasure("phone-1"), Erasure).publish(Erasure(t=t, device="phone-1"))
+        wait_until(lambda: b"phone-1" not in file.read_bytes(), DEADLINE, "the device to leave the file")
+    assert b"phone-1" not in file.read_bytes()
+
+
+@pytest.mark.parametrize("content", [b"", b"\xc1 no state", b"\x80"])
+def test_a_state_that_cannot_be_read_is_left_aside(
+    site: Site, project: Path, zenoh_router: str, tmp_path: Path, content: bytes
+) -> None:
+    (tmp_path / "geofence.state").write_bytes(content)
+    with running(site, project, zenoh_router, state_folder=tmp_path) as service:
+        assert set(service._watch.counts()) == {"entrance", "model-corner"}

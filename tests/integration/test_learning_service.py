@@ -37,7 +37,16 @@ from services.learning.settings import LearningSettings
 from shared.bus import Bus, Inbox, Question
 from shared.keys import Keys
 from shared.learning_report import LearningReport
-from shared.messages import DetectionFrame, Erasure, Message, RadioModelUpdate, StrideModel, TrackFrame, encode
+from shared.messages import (
+    DetectionFrame,
+    Erasure,
+    ErasureDone,
+    Message,
+    RadioModelUpdate,
+    StrideModel,
+    TrackFrame,
+    encode,
+)
 from shared.runner import Health
 from shared.settings import SettingsError
 from shared.site import Site, load_site
@@ -228,12 +237,15 @@ def test_who_withdraws_leaves_no_model_on_the_bus_and_no_row(
     with Bus([zenoh_router]) as bus, running(site, project, tmp_path, zenoh_router, learner) as service:
         bus.publisher(KEYS.tracks("hall"), TrackFrame).publish(walk(1.0, 1000.0)[0])
         assert next_message(models(bus, KEYS.stride_model("d-1"), StrideModel)).slope == 0.3
+        acknowledged = bus.inbox()
+        acknowledged.subscribe(KEYS.erased("d-1", "learning"), ErasureDone, cached=True)
         gone = bus.publisher(KEYS.erasure("d-1"), Erasure, cached=True)
         gone.publish(Erasure(t=1001.0, device="d-1"))
         wait_until(lambda: learner.forgotten, DEADLINE, "the erasure")
         wait_until(lambda: not order(bus, "hall", {"do": "list"}).models, DEADLINE, "no row")
         assert report(bus).history == []
         wait_until(lambda: service.loop.store.states.read()["test-stride"] == b"{}", DEADLINE, "nothing saved of it")
+        wait_until(lambda: acknowledged.receive(timeout=0.1), DEADLINE, "learning to tell that it is done")
         late = models(bus, KEYS.stride_model("d-1"), StrideModel)
         order(bus, "hall", {"do": "list"})  # what is kept for late joiners would have come meanwhile
         assert late.receive(timeout=0.2) == []

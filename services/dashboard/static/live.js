@@ -1,30 +1,46 @@
 // The live map: listens to /live, keeps the picture moving, and says in plain words when it cannot.
 
+import { appeared, count, remember, remembered } from "./dom.js";
+import { Evidence } from "./evidence.js";
+import { Ground } from "./ground.js";
 import { Identities } from "./identities.js";
 import * as painting from "./painting.js";
 import { Panels } from "./panels.js";
+import { paintMarker, paintPeople } from "./people_painting.js";
 import { Pointer } from "./pointer.js";
 import { Tracks } from "./tracks.js";
+import { Trails } from "./trails.js";
 import { Viewport } from "./viewport.js";
+import { cornersOf, paintLit } from "./zone_painting.js";
 
 const DRAW_EVERY_MS = 30; // people walk: thirty pictures a second are smooth, and half the work of sixty
 const RATE_OVER_MS = 3000;
+const FRAME_TIMES_KEPT = 2000;
+const REACH = 18; // pixels a tap may miss somebody by
 
 const identities = new Identities();
 const tracks = new Tracks();
 const view = new Viewport();
-const state = { site: null, floor: null, occupancy: new Map(), lit: new Map(), chosen: null, marker: null };
+const state = { site: null, floor: null, zones: null, lit: new Map(), chosen: null, marker: null };
 const heard = { api: false, reason: "", dashboard: false, frame: null, arrivals: [] };
 const layers = {};
 let fitted = null;
 let drawn = 0;
+let firstDrawn = null;
+const frameTimes = []; // milliseconds between two pictures
 let people = [];
 
 // NiceGUI builds the page after this module has loaded.
-const page = await appeared(["atrium-canvas", "atrium-floor", "atrium-status", "alerts", "phones", "cameras"]);
+const page = await appeared(["atrium-canvas", "atrium-evidence", "atrium-floor", "atrium-status", "alerts", "phones", "cameras"]);
 const canvas = page["atrium-canvas"];
 const context = canvas.getContext("2d");
-const panels = new Panels(identities, goTo, (device) => (state.chosen = device));
+const ground = new Ground();
+const trails = new Trails();
+const panels = new Panels(identities, goTo, (device) => (state.chosen = device), (device) => {
+  const found = people.find((person) => person.device === device);
+  if (found !== undefined) evidence.open(found);
+});
+const evidence = new Evidence(page["atrium-evidence"], identities, () => canvas.focus({ preventScroll: true }));
 
 function listen() {
   const source = new EventSource("/live");
@@ -41,14 +57,15 @@ function listen() {
   on("connection", (news) => {
     if (!news.connected) {
       tracks.clear();
-      state.occupancy.clear();
+      state.zones = state.zones?.map(({ inside, ...zone }) => zone) ?? null;
     }
     heard.api = news.connected;
     heard.reason = news.reason;
   });
   on("site", takeSite);
   on("zones", (zones) => {
-    state.occupancy = new Map(zones.map((zone) => [zone.id, zone.inside]));
+    state.zones = zones;
+    panels.zones(zones);
   });
   on("tracks", (frame) => {
     const now = performance.now();
@@ -73,6 +90,7 @@ function takeSite(site) {
   chooseFloor(site.floors.some((floor) => floor.id === wished) ? wished : site.floors[0].id);
   select.parentElement.hidden = site.floors.length < 2;
   panels.site(site);
+  goToHash();
 }
 
 function chooseFloor(id) {
@@ -98,24 +116,68 @@ function goTo(floor, x, y) {
   state.marker = { floor, x, y, since: performance.now() };
 }
 
+// "/#floor=ground&x=9&y=1" shows that place: the inbox sends people here.
+function goToHash() {
+  const wished = new URLSearchParams(window.location.hash.slice(1));
+  const [x, y] = ["x", "y"].map((axis) => Number.parseFloat(wished.get(axis)));
+  if (!Number.isFinite(x) || !Number.isFinite(y)) return;
+  history.replaceState(null, "", window.location.pathname);
+  goTo(wished.get("floor"), x, y);
+}
+
 function camerasOn(floor) {
   return state.site.cameras.filter((camera) => camera.floor === floor);
 }
 
-function zonesOn(floor) {
-  return state.site.zones
-    .filter((zone) => zone.floor === floor)
-    .map((zone) => ({
-      ...zone,
-      name: zone.name || zone.id,
-      count: state.occupancy.get(zone.id),
-      lit: state.lit.get(zone.id),
-    }));
+// Staff may have drawn others than the site file has.
+function zones() {
+  return state.zones ?? state.site.zones;
+}
+
+function zoneOf({ floor, x, y }) {
+  const found = zones().find((zone) => (
+    zone.floor === floor && zone.shape !== "line" && painting.inside(cornersOf(zone), x, y)
+  ));
+  return found === undefined ? null : found.name || found.id;
+}
+
+// Zones of which an alert has just come.
+function shine(floor, now) {
+  for (const [id, since] of state.lit) {
+    const zone = zones().find((one) => one.id === id);
+    const still = zone !== undefined && (zone.floor !== floor.id || paintLit(context, view, zone, since, now));
+    if (!still) state.lit.delete(id);
+  }
+}
+
+// Who stands nearest to this place on the screen?
+function tap(px, py) {
+  let best = null;
+  for (const person of people) {
+    if (person.floor !== state.floor?.id || person.gone !== null) continue;
+    const [x, y] = view.toScreen(person.x, person.y);
+    const far = Math.hypot(x - px, y - py) - (person.device === null ? 0 : 4);
+    if (far < REACH && (best === null || far < best.far)) best = { far, person };
+  }
+  if (best === null) evidence.close();
+  else evidence.open(best.person);
+}
+
+// The next person on this floor, from left to right; people with a phone first.
+function step(by) {
+  const here = people.filter((person) => person.floor === state.floor?.id && person.gone === null);
+  if (here.length === 0) return;
+  here.sort((a, b) => (a.device === null) - (b.device === null) || a.key.localeCompare(b.key, undefined, { numeric: true }));
+  const now = here.findIndex((person) => evidence.is(person));
+  const next = now < 0 ? (by > 0 ? 0 : here.length - 1) : (now + by + here.length) % here.length;
+  evidence.open(here[next]);
 }
 
 function draw(now) {
   requestAnimationFrame(draw);
   if (now - drawn < DRAW_EVERY_MS) return;
+  if (firstDrawn !== null) frameTimes.push(now - drawn);
+  if (frameTimes.length > FRAME_TIMES_KEPT) frameTimes.shift();
   drawn = now;
   people = tracks.at(now);
   const ratio = window.devicePixelRatio || 1;
@@ -123,19 +185,15 @@ function draw(now) {
   context.clearRect(0, 0, view.width, view.height);
   if (state.floor === null) return;
   const { floor, site } = state;
-  const cameras = camerasOn(floor.id);
-  painting.paintPlan(context, view, floor);
-  if (layers.cameras) painting.paintFootprints(context, view, cameras);
-  if (layers.zones) painting.paintZones(context, view, zonesOn(floor.id), now);
-  painting.paintWalls(context, view, floor);
-  if (layers.radio) {
-    painting.paintRadio(context, view, site.access_points.filter((point) => point.floor === floor.id && point.position));
-  }
-  if (layers.cameras) painting.paintCameras(context, view, cameras);
+  context.drawImage(ground.picture(view, ratio, site, floor, zones(), layers), 0, 0, view.width, view.height);
+  if (layers.zones) shine(floor, now);
   const here = people.filter((person) => person.floor === floor.id);
-  painting.paintPeople(context, view, here, identities, layers, state.chosen);
-  if (state.marker?.floor === floor.id && !painting.paintMarker(context, view, state.marker, now)) state.marker = null;
-  painting.paintScale(context, view, site.north);
+  if (layers.trails) trails.draw(context, view, ratio, floor, here, identities, now);
+  paintPeople(context, view, here, identities, layers, (person) => (
+    evidence.is(person) || (state.chosen !== null && person.device === state.chosen)
+  ));
+  if (state.marker?.floor === floor.id && !paintMarker(context, view, state.marker, now)) state.marker = null;
+  firstDrawn ??= performance.now();
 }
 
 // Once or twice a second is enough for words.
@@ -168,7 +226,8 @@ function tell() {
     const here = seen.filter((person) => person.floor === state.floor.id).length;
     const name = state.floor.name || state.floor.id;
     canvas.setAttribute("aria-label", `Floor plan of ${name} with ${count(here, "person", "people")}`);
-    panels.phones(present, state.site.floors.flatMap((floor) => zonesOn(floor.id)), now);
+    panels.phones(present, zoneOf, now);
+    evidence.follow(people, zoneOf);
   }
 }
 
@@ -189,41 +248,6 @@ function updatesPerSecond(now) {
   return heard.arrivals.length / areas / span;
 }
 
-function count(number, one, many) {
-  return `${number} ${number === 1 ? one : many}`;
-}
-
-function appeared(ids) {
-  return new Promise((resolve) => {
-    const look = () => {
-      const found = Object.fromEntries(ids.map((id) => [id, document.getElementById(id)]));
-      if (Object.values(found).some((element) => element === null)) return false;
-      resolve(found);
-      return true;
-    };
-    if (look()) return;
-    const observer = new MutationObserver(() => look() && observer.disconnect());
-    observer.observe(document.body, { childList: true, subtree: true });
-  });
-}
-
-// A screen on the wall shows the same floor after every restart. A browser may forbid storing: then it forgets.
-function remember(name, value) {
-  try {
-    localStorage.setItem(`atrium.${name}`, value);
-  } catch {
-    // forgotten
-  }
-}
-
-function remembered(name) {
-  try {
-    return localStorage.getItem(`atrium.${name}`);
-  } catch {
-    return null;
-  }
-}
-
 function wireControls() {
   for (const box of document.querySelectorAll("#atrium-layers input")) {
     box.checked = (remembered(box.value) ?? "on") === "on";
@@ -237,7 +261,13 @@ function wireControls() {
   document.getElementById("zoom-in").addEventListener("click", () => view.zoom(1.4));
   document.getElementById("zoom-out").addEventListener("click", () => view.zoom(1 / 1.4));
   document.getElementById("zoom-fit").addEventListener("click", fit);
-  new Pointer(canvas, view, fit);
+  new Pointer(canvas, view, fit, { tap });
+  canvas.addEventListener("keydown", (event) => {
+    const act = { n: () => step(1), p: () => step(-1), Escape: () => evidence.close() }[event.key];
+    if (act === undefined || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    act();
+  });
   new ResizeObserver(() => {
     const ratio = window.devicePixelRatio || 1;
     const first = view.width === 1;
@@ -270,6 +300,11 @@ window.atrium = {
   get scale() {
     return view.scale;
   },
+  // When the first picture of the floor was drawn, and how long each picture stood, in milliseconds.
+  get firstDrawn() {
+    return firstDrawn;
+  },
+  frameTimes,
   toScreen: (x, y) => view.toScreen(x, y),
   colourOf: (device) => identities.colourOf(device),
 };

@@ -1,12 +1,9 @@
-// How does it look? Draws one floor and the people on it onto a canvas context; holds no state of its own.
+// How does a floor look? Draws the plan and what hangs there onto a canvas context; holds no state of its own.
 
 const QUIET = "#6b7684";
-const ZONE = "#2f7d76";
 const CAMERA = "#b27a1e";
 const RADIO = "#6a63b5";
-const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Liberation Sans', sans-serif";
-const LIGHTEN_MS = 4000;
-const TRAIL_BANDS = 8;
+export const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Liberation Sans', sans-serif";
 
 export function paintPlan(context, view, floor) {
   polygon(context, view, floor.outline);
@@ -40,28 +37,6 @@ export function paintWalls(context, view, floor) {
   for (const wall of floor.walls) {
     line(context, view, wall);
     context.stroke();
-  }
-}
-
-// `zones`: [{polygon, name, count, lit}], lit = performance.now() of the newest alert or undefined.
-export function paintZones(context, view, zones, now) {
-  for (const zone of zones) {
-    const light = zone.lit === undefined ? 0 : Math.max(0, 1 - (now - zone.lit) / LIGHTEN_MS);
-    polygon(context, view, zone.polygon);
-    context.fillStyle = fade(ZONE, 0.1 + 0.16 * light);
-    context.fill();
-    context.strokeStyle = fade(ZONE, 0.55 + 0.45 * light);
-    context.lineWidth = 1.2 + 1.6 * light;
-    context.stroke();
-  }
-  for (const zone of zones) {
-    const left = Math.min(...zone.polygon.map(([x]) => x));
-    const top = Math.max(...zone.polygon.map(([, y]) => y));
-    const [x, y] = view.toScreen(left, top);
-    const width = extent(zone.polygon) * view.scale;
-    if (width < 40) continue;
-    const count = zone.count === undefined ? "" : ` · ${zone.count}`;
-    text(context, `${zone.name}${count}`, x + 7, y + 12, 12, "#1d5d57", "left", 600);
   }
 }
 
@@ -122,30 +97,6 @@ export function paintRadio(context, view, points) {
   }
 }
 
-// `people`: from Tracks.at; `chosen`: a device to point out; `layers`: what is switched on.
-export function paintPeople(context, view, people, identities, layers, chosen) {
-  const carrying = (person) => (person.device === null ? 0 : 1);
-  const ordered = [...people].sort((a, b) => carrying(a) - carrying(b));
-  if (layers.trails) for (const person of ordered) trail(context, view, person, identities.colourOf(person.device));
-  for (const person of ordered) {
-    if (person.state === "unseen") doubt(context, view, person, identities.colourOf(person.device));
-  }
-  for (const person of ordered) dot(context, view, person, identities.colourOf(person.device), chosen);
-  for (const person of ordered) if (person.device !== null) label(context, view, person, identities);
-}
-
-export function paintMarker(context, view, marker, now) {
-  const age = (now - marker.since) / 1500;
-  if (age > 2) return false;
-  const [x, y] = view.toScreen(marker.x, marker.y);
-  context.beginPath();
-  context.arc(x, y, 10 + 22 * (age % 1), 0, 2 * Math.PI);
-  context.strokeStyle = fade(ZONE, 1 - (age % 1));
-  context.lineWidth = 3;
-  context.stroke();
-  return true;
-}
-
 // A scale bar at the lower left, and an arrow to the north (degrees counter-clockwise from +x) beside it.
 export function paintScale(context, view, north) {
   const steps = [0.5, 1, 2, 5, 10, 20, 50, 100, 200];
@@ -196,111 +147,7 @@ function grid(context, view, floor) {
   context.restore();
 }
 
-// Fading in a few bands rather than piece by piece: with hundreds of people every stroke counts.
-function trail(context, view, person, colour) {
-  const points = person.trail;
-  const last = points.length - 1;
-  if (last < 0) return;
-  context.lineWidth = 2.5;
-  context.lineCap = "butt";
-  context.lineJoin = "round";
-  for (let band = 0; band < TRAIL_BANDS; band += 1) {
-    const from = Math.floor((band * last) / TRAIL_BANDS);
-    const to = Math.floor(((band + 1) * last) / TRAIL_BANDS);
-    const newest = band === TRAIL_BANDS - 1;
-    if (from === to && !newest) continue;
-    context.strokeStyle = fade(colour, 0.45 * person.alpha * ((band + 1) / TRAIL_BANDS) ** 1.5);
-    context.beginPath();
-    for (let i = from; i <= to; i += 1) context.lineTo(...view.toScreen(points[i][1], points[i][2]));
-    if (newest) context.lineTo(...view.toScreen(person.x, person.y));
-    context.stroke();
-  }
-}
-
-function dot(context, view, person, colour, chosen) {
-  const [x, y] = view.toScreen(person.x, person.y);
-  const radius = person.device === null ? 6 : 7.5;
-  context.globalAlpha = person.alpha;
-  if (chosen !== null && person.device === chosen) {
-    context.beginPath();
-    context.arc(x, y, radius + 8, 0, 2 * Math.PI);
-    context.fillStyle = fade(colour, 0.2);
-    context.fill();
-  }
-  if (person.state === "unseen") {
-    hollow(context, x, y, radius, colour);
-    context.globalAlpha = 1;
-    return;
-  }
-  // Seen this moment: filled. Only expected to be here: hollow.
-  const coasting = person.state === "coasting";
-  const heading = Math.hypot(person.vx, person.vy) > 0.25 ? Math.atan2(-person.vy, person.vx) : null;
-  disc(context, x, y, radius + 2, heading, "#ffffff");
-  disc(context, x, y, radius, heading, colour);
-  if (coasting) disc(context, x, y, radius - 2.5, null, "#ffffff");
-  context.globalAlpha = 1;
-}
-
-// No camera sees this person: a dashed ring, for a place that steps and radio tell.
-function hollow(context, x, y, radius, colour) {
-  context.beginPath();
-  context.arc(x, y, radius, 0, 2 * Math.PI);
-  context.fillStyle = "#ffffffb0";
-  context.fill();
-  context.setLineDash([4, 3]);
-  context.strokeStyle = colour;
-  context.lineWidth = 2.5;
-  context.stroke();
-  context.setLineDash([]);
-}
-
-// Two standard deviations around it: the person is most likely within.
-function doubt(context, view, person, colour) {
-  if (person.accuracy === null) return;
-  const [x, y] = view.toScreen(person.x, person.y);
-  context.globalAlpha = person.alpha;
-  context.beginPath();
-  context.arc(x, y, 2 * person.accuracy * view.scale, 0, 2 * Math.PI);
-  context.fillStyle = fade(colour, 0.07);
-  context.fill();
-  context.setLineDash([3, 5]);
-  context.strokeStyle = fade(colour, 0.5);
-  context.lineWidth = 1;
-  context.stroke();
-  context.setLineDash([]);
-  context.globalAlpha = 1;
-}
-
-// A disc with a point in the direction of walking.
-function disc(context, x, y, radius, heading, colour) {
-  context.beginPath();
-  context.arc(x, y, radius, 0, 2 * Math.PI);
-  context.fillStyle = colour;
-  context.fill();
-  if (heading === null) return;
-  context.beginPath();
-  for (const [reach, turn] of [[1, -0.75], [1.75, 0], [1, 0.75]]) {
-    context.lineTo(x + reach * radius * Math.cos(heading + turn), y + reach * radius * Math.sin(heading + turn));
-  }
-  context.closePath();
-  context.fill();
-}
-
-function label(context, view, person, identities) {
-  const [x, y] = view.toScreen(person.x, person.y);
-  const name = identities.labelOf(person.device);
-  context.font = `600 12px ${FONT}`;
-  const width = context.measureText(name).width + 12;
-  context.globalAlpha = person.alpha;
-  context.beginPath();
-  context.roundRect(x + 11, y - 24, width, 18, 9);
-  context.fillStyle = identities.colourOf(person.device);
-  context.fill();
-  text(context, name, x + 17, y - 15, 12, "#ffffff", "left", 600);
-  context.globalAlpha = 1;
-}
-
-function text(context, words, x, y, size, colour, align, weight = 400, halo = false) {
+export function text(context, words, x, y, size, colour, align, weight = 400, halo = false) {
   context.font = `${weight} ${size}px ${FONT}`;
   context.textAlign = align;
   context.textBaseline = "middle";
@@ -314,12 +161,12 @@ function text(context, words, x, y, size, colour, align, weight = 400, halo = fa
   context.fillText(words, x, y);
 }
 
-function polygon(context, view, ring) {
+export function polygon(context, view, ring) {
   line(context, view, ring);
   context.closePath();
 }
 
-function line(context, view, points) {
+export function line(context, view, points) {
   context.beginPath();
   for (const [x, y] of points) context.lineTo(...view.toScreen(x, y));
 }
@@ -330,17 +177,17 @@ export function bounds(ring) {
   return [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)];
 }
 
-function middle(ring) {
+export function middle(ring) {
   const [left, bottom, right, top] = bounds(ring);
   return [(left + right) / 2, (bottom + top) / 2];
 }
 
-function extent(ring) {
+export function extent(ring) {
   const [left, , right] = bounds(ring);
   return right - left;
 }
 
-function fade(colour, alpha) {
+export function fade(colour, alpha) {
   const value = Math.round(255 * Math.min(Math.max(alpha, 0), 1));
   return colour + value.toString(16).padStart(2, "0");
 }
@@ -348,4 +195,15 @@ function fade(colour, alpha) {
 function readable(id) {
   const words = id.replaceAll(/[-_]+/g, " ");
   return words.charAt(0).toUpperCase() + words.slice(1);
+}
+
+// Even-odd rule; a point on the edge may fall either way.
+export function inside(ring, x, y) {
+  let within = false;
+  for (let i = 0, j = ring.length - 1; i < ring.length; j = i, i += 1) {
+    const [xi, yi] = ring[i];
+    const [xj, yj] = ring[j];
+    if (yi > y !== yj > y && x < ((xj - xi) * (y - yi)) / (yj - yi) + xi) within = !within;
+  }
+  return within;
 }

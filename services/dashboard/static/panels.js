@@ -1,16 +1,12 @@
 // The lists beside the map: alerts, located phones, cameras. Rows are rebuilt only when what they say has changed.
 
+import { inWords } from "./alert_words.js";
+import { cameraInWords } from "./camera_words.js";
+import { spoken } from "./dom.js";
+
 const ALERTS_SHOWN = 50;
 const LOST_AFTER_MS = 3000;
 const FORGOTTEN_AFTER_MS = 120000;
-
-const clock = new Intl.DateTimeFormat(undefined, {
-  hour: "2-digit",
-  minute: "2-digit",
-  second: "2-digit",
-  hourCycle: "h23",
-});
-const calendar = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short" });
 
 export class Panels {
   #identities;
@@ -21,18 +17,27 @@ export class Panels {
   #alerts = [];
   #cameras = null;
   #site = null;
+  #zones = new Map();
+  #explain;
 
-  // `go(floor, x, y)` shows a place on the map, `choose(device or null)` points a person out.
-  constructor(identities, go, choose) {
+  // `go(floor, x, y)` shows a place on the map, `choose(device or null)` points a person out, `explain(device)` tells
+  // why that person is thought to carry it.
+  constructor(identities, go, choose, explain) {
     this.#identities = identities;
     this.#go = go;
     this.#choose = choose;
+    this.#explain = explain;
   }
 
   site(site) {
     this.#site = site;
-    this.#drawAlerts();
+    if (this.#zones.size === 0) this.zones(site.zones);
     this.#drawCameras();
+  }
+
+  zones(zones) {
+    this.#zones = new Map(zones.map((zone) => [zone.id, zone.name || zone.id]));
+    this.#drawAlerts();
   }
 
   alerts(newestFirst) {
@@ -51,8 +56,8 @@ export class Panels {
     this.#drawCameras();
   }
 
-  // `people`: everybody on the map now, on whatever floor.
-  phones(people, zones, now) {
+  // `people`: everybody on the map now, on whatever floor; `zoneOf(person)`: the name of their zone, or null.
+  phones(people, zoneOf, now) {
     for (const person of people) {
       if (person.device === null || person.gone !== null) continue;
       const known = this.#seen.get(person.device);
@@ -68,8 +73,7 @@ export class Panels {
         continue;
       }
       const here = silent < LOST_AFTER_MS;
-      const zone = zones.find((one) => one.floor === person.floor && inside(one.polygon, person.x, person.y));
-      const place = zone ? zone.name : floorName(this.#site, person.floor);
+      const place = zoneOf(person) ?? floorName(this.#site, person.floor);
       rows.push({
         name: this.#identities.labelOf(device),
         device,
@@ -84,6 +88,7 @@ export class Panels {
       const button = rowButton(() => {
         const place = this.#seen.get(row.device)?.person ?? row.person;
         this.#go(place.floor, place.x, place.y);
+        this.#explain(row.device);
       });
       button.classList.toggle("faint", !row.here);
       button.addEventListener("pointerenter", () => this.#choose(row.device));
@@ -100,16 +105,14 @@ export class Panels {
     const rows = this.#alerts.slice(0, ALERTS_SHOWN);
     this.#draw("alerts", "", rows, (alert) => {
       const button = rowButton(() => this.#go(alert.floor, alert.x, alert.y));
-      const who = alert.device ? `Phone ${this.#identities.labelOf(alert.device)}` : "Somebody";
-      const did = alert.kind === "enter" ? "entered" : alert.kind === "exit" ? "left" : alert.kind;
-      const zone = this.#site?.zones.find((one) => one.id === alert.zone);
+      const { who, did } = inWords(alert, this.#identities, this.#zones.get(alert.zone) ?? alert.zone);
       const time = words("time", spoken(alert.t));
       time.dateTime = new Date(1000 * alert.t).toISOString();
       const what = words("span", "");
-      what.append(words("strong", who), ` ${did} ${zone?.name || alert.zone}`);
+      what.append(words("strong", who), ` ${did}`);
       button.append(swatch(this.#identities.colourOf(alert.device)), what, time);
       return button;
-    }, (alert) => [alert.id, this.#site !== null]);
+    }, (alert) => [alert.id, this.#zones.get(alert.zone)]);
   }
 
   #drawCameras() {
@@ -145,24 +148,6 @@ export class Panels {
   }
 }
 
-function cameraInWords(camera) {
-  const reason = camera?.reason ? `: ${camera.reason}` : "";
-  switch (camera?.state) {
-    case "ok": {
-      const rate = camera.frames_per_s ? `, ${Math.round(camera.frames_per_s)} pictures a second` : "";
-      return { light: "good", words: `Working${rate}` };
-    }
-    case "starting":
-      return { light: "wait", words: `Starting${reason}` };
-    case "degraded":
-      return { light: "bad", words: camera.reason ? sentence(camera.reason) : "Has a problem" };
-    case "ended":
-      return { light: "off", words: camera.reason ? sentence(camera.reason) : "Its recording has ended" };
-    default:
-      return { light: "off", words: "Not heard of yet" };
-  }
-}
-
 function certainty(probability) {
   if (probability >= 0.95) return "certain";
   if (probability >= 0.8) return "fairly certain";
@@ -174,18 +159,8 @@ function ago(milliseconds) {
   return seconds < 60 ? `${seconds} s` : `${Math.floor(seconds / 60)} min`;
 }
 
-function spoken(t) {
-  const when = new Date(1000 * t);
-  const today = new Date().toDateString() === when.toDateString();
-  return today ? clock.format(when) : `${calendar.format(when)}, ${clock.format(when)}`;
-}
-
 function floorName(site, id) {
   return site?.floors.find((floor) => floor.id === id)?.name || id;
-}
-
-function sentence(text) {
-  return text.charAt(0).toUpperCase() + text.slice(1);
 }
 
 function rowButton(act) {
@@ -209,19 +184,8 @@ function words(tag, text) {
   return element;
 }
 
-// Even-odd rule; a point on the edge may fall either way.
 // How surely is the phone there? Out of every camera's view, what steps and radio tell is right to some metres only.
 function how(person) {
   if (person.state !== "unseen") return certainty(person.probability);
   return person.accuracy === null ? "out of view" : `out of view, within ${Math.ceil(2 * person.accuracy)} m`;
-}
-
-function inside(ring, x, y) {
-  let within = false;
-  for (let i = 0, j = ring.length - 1; i < ring.length; j = i, i += 1) {
-    const [xi, yi] = ring[i];
-    const [xj, yj] = ring[j];
-    if (yi > y !== yj > y && x < ((xj - xi) * (y - yi)) / (yj - yi) + xi) within = !within;
-  }
-  return within;
 }

@@ -1,19 +1,31 @@
-// Moving the map: drag and wheel, two fingers, or the keyboard.
+// Moving the map: drag and wheel, two fingers, or the keyboard; and a tap on a place.
 
 const STEP = 60;
+const TAP = 5; // pixels a tap may move
 
 export class Pointer {
   #fingers = new Map();
+  #began = null;
 
-  constructor(canvas, view, fit) {
+  // `tap(px, py)`: somebody pointed at a place; `grab(px, py)` may return a handle to drag, {move(px, py), drop()}.
+  constructor(canvas, view, fit, { tap = () => {}, grab = () => null } = {}) {
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
-      this.#fingers.set(event.pointerId, [event.offsetX, event.offsetY]);
+      const place = [event.offsetX, event.offsetY];
+      if (this.#fingers.size === 0) this.#began = { place, moved: false, handle: grab(...place) };
+      else this.#began.moved = true;
+      this.#fingers.set(event.pointerId, place);
     });
     canvas.addEventListener("pointermove", (event) => {
       const before = this.#fingers.get(event.pointerId);
       if (before === undefined) return;
       const now = [event.offsetX, event.offsetY];
+      this.#began.moved ||= Math.hypot(now[0] - this.#began.place[0], now[1] - this.#began.place[1]) > TAP;
+      if (this.#began.handle !== null) {
+        if (this.#began.moved) this.#began.handle.move(...now);
+        this.#fingers.set(event.pointerId, now);
+        return;
+      }
       const other = [...this.#fingers].find(([id]) => id !== event.pointerId)?.[1];
       if (other === undefined) {
         view.pan(now[0] - before[0], now[1] - before[1]);
@@ -26,7 +38,12 @@ export class Pointer {
       this.#fingers.set(event.pointerId, now);
     });
     for (const end of ["pointerup", "pointercancel"]) {
-      canvas.addEventListener(end, (event) => this.#fingers.delete(event.pointerId));
+      canvas.addEventListener(end, (event) => {
+        if (!this.#fingers.delete(event.pointerId) || this.#fingers.size > 0) return;
+        const { moved, handle } = this.#began;
+        if (handle !== null) handle.drop(moved);
+        else if (end === "pointerup" && !moved) tap(event.offsetX, event.offsetY);
+      });
     }
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();

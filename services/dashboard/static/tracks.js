@@ -29,10 +29,11 @@ export class Tracks {
       present.add(id);
       let person = area.people.get(id);
       if (person === undefined || person.floor !== frame.floor[i]) {
-        person = { key: `${frame.area}/${id}`, track: id, samples: [], born: now };
+        person = { key: `${frame.area}/${id}`, track: id, samples: [], born: now, since: Date.now() / 1000 };
         area.people.set(id, person);
       }
       person.floor = frame.floor[i];
+      if (person.device !== frame.device[i]) person.named = Date.now() / 1000;
       person.device = frame.device[i];
       person.probability = frame.probability[i];
       person.state = frame.state[i];
@@ -51,7 +52,8 @@ export class Tracks {
     this.#areas.clear();
   }
 
-  // Everybody at `now`: [{key, track, floor, device, probability, state, accuracy, x, y, vx, vy, alpha, trail}].
+  // Everybody at `now`: [{key, track, floor, device, probability, state, accuracy, x, y, vx, vy, alpha, trail, since,
+  // named}], the last two in seconds since the epoch: when this page first saw the track, and the track with this name.
   at(now) {
     const everybody = [];
     for (const area of this.#areas.values()) {

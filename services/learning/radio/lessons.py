@@ -47,6 +47,8 @@ MARGIN = 3.0
 """Metres around the floor for which the map is made, as fusion believes positions so far outside."""
 REVIEW = 30.0
 """Seconds between two looks for changes."""
+AGAIN = 3600.0
+"""Seconds until a doubt is told again that did not go live, or did not stay so."""
 SHARED = 2.0
 """dB that a visit's readings have in common at least, where few visits have shown it yet."""
 
@@ -82,7 +84,7 @@ class RadioLessons:
         self._suspects: dict[int, float] = {}
         self._alarming: list[Shift] = []
         self._alarmed = -np.inf
-        self._looked, self._lived = False, -np.inf
+        self._looked, self._lived, self._distrusted = False, -np.inf, -np.inf
         self._numbers = 0
         self._heard = -np.inf
         self._taught, self._proposed, self._reviewed = -np.inf, -np.inf, -np.inf
@@ -159,9 +161,11 @@ class RadioLessons:
     def _distrust(self, now: float) -> Proposal | None:
         """Return the live model with access points doubted that read otherwise, or believed that do not after all."""
         live, looked = self._live.model, self._looked
+        self._looked = False
         if live is None or not looked or self._reference is None:
             return None
-        self._looked = False
+        if self._lived < self._distrusted and 0.0 <= now - self._distrusted < AGAIN:
+            return None
         if new := doubts(live, self._alarming):
             words = doubted_words(*(self.points[shift.point] for shift in new))
             return self._of_itself(doubted(live, new), now, min(shift.nats for shift in new), words)
@@ -184,6 +188,7 @@ class RadioLessons:
 
     def _of_itself(self, model: RadioModel, now: float, nats: float, words: str) -> Proposal:
         """Return a proposal that is decided by what was heard since the live model was taught."""
+        self._distrusted = now
         update = RadioModelUpdate(t=now, area=self.area, version=0, model=pack_radio_model(model), reason=words)
         return Proposal(
             "radio", self.area, self.area, update, now, gain=nats, margin=SURE, reason=words, urgent=True

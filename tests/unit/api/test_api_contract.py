@@ -14,9 +14,11 @@ from services.api.admin.administration import Administration
 from services.api.alerts.office import AlertOffice
 from services.api.app import create_app
 from services.api.auth import KeyRing
+from services.api.erasures import ErasureBoard
 from services.api.event_log import EventLog
 from services.api.examples import EXAMPLES
 from services.api.health_report import Presence, health_report
+from services.api.history_link import HistoryLink
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
 from services.api.map_picture import map_svg
@@ -50,8 +52,10 @@ def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: 
     empty = HealthReport(t=0.0, status="ok", problems=[], services=[], areas=[], cameras=[])
     admin = Administration.open(settings, site, live)
     alerts = AlertOffice(settings, site, lambda _: None, lambda _: None)
-    link = LearningLink(Keys("hall"), lambda *_: None)
-    document = create_app(settings, site, live, hub, lambda _: empty, link, admin, alerts).openapi()
+    learning, history = LearningLink(Keys("hall"), lambda *_: None), HistoryLink(Keys("hall"), lambda *_: None)
+    document = create_app(
+        settings, site, live, hub, lambda _: empty, learning, history, ErasureBoard(), admin, alerts
+    ).openapi()
     alerts.close()
     text = json.dumps(document)
     schemas = document["components"]["schemas"]

@@ -10,7 +10,7 @@ from fusion_world import World, make_site
 
 from benchmarks.learning_candidates import KINDS, poisoned
 from benchmarks.learning_figures import ladder_figures, lesson_figures, rate_figures
-from benchmarks.learning_gate import EACH, WORLDS, Bout, draw_gate, gate_figures
+from benchmarks.learning_gate import EACH, WORLDS, Bout, change_of, draw_gate, gate_figures
 from benchmarks.learning_ladder import RATES, STAGES, TRACKERS, Climb, RateCurve, Rung
 from benchmarks.learning_picture import draw_learning
 from benchmarks.learning_recovery import CHANGED, WINDOW, Recovery, draw_recovery, recovery_figures
@@ -79,8 +79,8 @@ def test_recovery_counts_from_where_errors_are_back_and_stay_so() -> None:
 
 def test_the_gate_is_judged_by_what_went_live_and_by_what_should_have() -> None:
     bouts = [
-        Bout("learned", 0.1, True, -0.2),
-        Bout("learned", 0.0, False, -0.1),
+        Bout("learned", 0.1, True, -0.2, 0.02),
+        Bout("learned", 0.0, False, -0.1, 0.04),
         Bout("stale", 0.01, True, 0.03),
         Bout("swapped", -0.1, False, 0.5),
     ]
@@ -88,7 +88,17 @@ def test_the_gate_is_judged_by_what_went_live_and_by_what_should_have() -> None:
     assert figures["worst_loss"] == pytest.approx(0.03)
     assert figures["good_activated"] == pytest.approx(0.5)
     assert (figures["bad"], figures["bad_activated"]) == (2, 1)
+    assert (figures["surely_good"], figures["surely_good_activated"], figures["surely_bad_activated"]) == (1, 1.0, 1)
     assert gate_figures([bouts[3]])["good_activated"] is None
+
+
+def test_a_change_is_as_doubtful_as_minutes_disagree() -> None:
+    before, after = np.full((10, 2), 2.0), np.full((10, 2), 1.0)
+    before[0, 1] = after[3, 0] = np.nan
+    assert change_of(before, after) == pytest.approx((-0.5, 0.0))
+    change, doubt = change_of(np.full((10, 2), 2.0), np.repeat([1.0, 3.0], 10).reshape(10, 2))
+    assert change == pytest.approx(0.0)
+    assert doubt == pytest.approx(0.5 * np.sqrt(1.0 / 9.0), rel=1e-6)
 
 
 def test_there_are_fifty_candidates_of_every_kind() -> None:

@@ -6,18 +6,18 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.geofence.crossings import Crossing, Crossings
+from services.geofence.crossings import Borders, Crossing, Crossings
 from services.geofence.zone_index import ZoneIndex
 
 SQUARE = [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)]
 GATE = [(10.0, -5.0), (10.05, -5.0), (10.05, 5.0), (10.0, 5.0)]
 ELL = [(-6.0, -6.0), (-2.0, -6.0), (-2.0, -5.0), (-5.0, -5.0), (-5.0, -2.0), (-6.0, -2.0)]
-MARGIN, MIN_SECONDS, GRACE = 0.3, 0.5, 2.0
+MARGIN, MIN_SECONDS, GRACE, REACH = 0.3, 0.5, 2.0, 1.0
 
 
 def make(margin: float = MARGIN, min_seconds: float = MIN_SECONDS, grace: float = GRACE) -> Crossings:
-    index = ZoneIndex([SQUARE, GATE, ELL, SQUARE], ["ground", "ground", "ground", "upper"], margin)
-    return Crossings(index, min_seconds, grace)
+    index = ZoneIndex([SQUARE, GATE, ELL, SQUARE], ["ground", "ground", "ground", "upper"], REACH)
+    return Crossings(Borders(index, margin, min_seconds), grace)
 
 
 def walk(
@@ -28,11 +28,18 @@ def walk(
     start: float = 0.0,
     floor: int = 0,
     former: tuple[int, ...] = (),
+    sigma: float = 0.0,
 ) -> list[Crossing]:
-    happened = []
+    happened, covariance = [], np.array([[sigma**2, 0.0, sigma**2]])
     for number, (x, y) in enumerate(path):
         happened += crossings.step(
-            start + number * dt, np.array([track]), np.array([floor]), np.array([x]), np.array([y]), [list(former)]
+            start + number * dt,
+            np.array([track]),
+            np.array([floor]),
+            np.array([x]),
+            np.array([y]),
+            [list(former)],
+            covariance=covariance,
         )
     return happened
 
@@ -46,8 +53,8 @@ def line(start: tuple[float, float], end: tuple[float, float], steps: int) -> np
     return np.linspace(start, end, steps)
 
 
-def kinds(happened: list[Crossing], zone: int) -> list[str]:
-    return [crossing.kind for crossing in happened if crossing.zone == zone]
+def kinds(happened: list[Crossing], border: int) -> list[str]:
+    return [crossing.kind for crossing in happened if crossing.border == border]
 
 
 def test_a_walk_through_a_zone_is_one_enter_and_one_exit_near_its_borders() -> None:
@@ -67,7 +74,7 @@ def test_a_walk_through_a_zone_is_one_enter_and_one_exit_near_its_borders() -> N
     phase=st.floats(0.0, 1.0),
     margin=st.sampled_from([0.0, 0.1, 0.3, 1.0]),
 )
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_no_thin_zone_is_stepped_over(angle: float, speed: float, height: float, phase: float, margin: float) -> None:
     """A gate of 5 cm is passed at any speed, angle and frame phase, however far one step goes."""
     dt = 1 / 15
@@ -81,14 +88,14 @@ def test_no_thin_zone_is_stepped_over(angle: float, speed: float, height: float,
     happened = walk(crossings, path, dt) + crossings.close(1000.0)
     if way.intersects(gate):
         assert kinds(happened, 1) == ["enter", "exit"]
-        enter, leave = (crossing for crossing in happened if crossing.zone == 1)
+        enter, leave = (crossing for crossing in happened if crossing.border == 1)
         assert enter.t <= leave.t
     if way.distance(gate) > margin + 1e-6:
         assert kinds(happened, 1) == []
 
 
 @given(seed=st.integers(0, 2**32 - 1), sigma=st.floats(0.0, 3.0), margin=st.sampled_from([0.0, 0.2, 0.5]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_enter_and_exit_take_turns_for_every_track_and_zone(seed: int, sigma: float, margin: float) -> None:
     """Whatever ten people do, on two floors, vanishing and coming back: the turns hold and occupancy is their sum."""
     generator = np.random.default_rng(seed)
@@ -104,7 +111,7 @@ def test_enter_and_exit_take_turns_for_every_track_and_zone(seed: int, sigma: fl
     happened += crossings.close(100.0)
     for track in range(10):
         for zone in range(4):
-            mine = [c for c in happened if (c.track, c.zone) == (track, zone)]
+            mine = [c for c in happened if (c.track, c.border) == (track, zone)]
             expected = ["enter", "exit"] * (len(mine) // 2)
             assert [c.kind for c in mine] == expected
             assert [c.t for c in mine] == sorted(c.t for c in mine)
@@ -112,17 +119,17 @@ def test_enter_and_exit_take_turns_for_every_track_and_zone(seed: int, sigma: fl
     assert len(crossings.tracks) == 0
 
 
-@given(seed=st.integers(0, 2**32 - 1), depth=st.floats(-0.2, 0.2), sigma=st.floats(0.0, 0.1))
-@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), depth=st.floats(-0.2, 0.2), sigma=st.floats(0.02, 0.3))
+@settings(max_examples=30, deadline=None)
 def test_jitter_on_the_edge_does_not_flap(seed: int, depth: float, sigma: float) -> None:
     generator = np.random.default_rng(seed)
     noise = generator.normal(0.0, sigma, (600, 2))
-    happened = walk(make(), np.array([depth, 2.0]) + noise)
+    happened = walk(make(), np.array([depth, 2.0]) + noise, sigma=sigma)
     assert kinds(happened, 0) in ([], ["enter"])
 
 
 def test_a_touch_from_outside_is_no_visit() -> None:
-    out_and_back = np.concatenate([line((-2, 2), (0.1, 2), 30), line((0.1, 2), (-2, 2), 30)])
+    out_and_back = np.concatenate([line((-2, 2), (0.02, 2), 30), line((0.02, 2), (-2, 2), 30)])
     assert walk(make(), out_and_back) == []
 
 
@@ -133,7 +140,7 @@ def test_a_touch_from_outside_is_no_visit() -> None:
     y1=st.floats(-9, 9),
     steps=st.integers(2, 200),
 )
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_straight_walks_agree_with_the_geometry(x0: float, y0: float, x1: float, y1: float, steps: int) -> None:
     """With no margin and no waiting, the last state of a straight walk is what the polygon says of its end."""
     crossings = make(margin=0.0, min_seconds=0.0)
@@ -156,7 +163,7 @@ def test_a_track_that_vanishes_inside_leaves_after_the_grace_time() -> None:
     assert nobody(crossings, 0.1 + GRACE - 0.01) == []
     assert crossings.occupancy[0] == 1
     gone = nobody(crossings, 0.1 + GRACE + 0.01)
-    assert [(c.kind, c.zone, c.track, c.x) for c in gone] == [("exit", 0, 1, 2.0)]
+    assert [(c.kind, c.border, c.track, c.x) for c in gone] == [("exit", 0, 1, 2.0)]
     assert crossings.occupancy[0] == 0
 
 
@@ -165,7 +172,7 @@ def test_a_track_born_anew_with_a_former_id_does_not_enter_again() -> None:
     assert kinds(walk(crossings, line((-3, 2), (2, 2), 60)), 0) == ["enter"]
     assert walk(crossings, line((2.2, 2), (3, 2), 10), track=9, start=5.0, former=(1,)) == []
     left = walk(crossings, line((3, 2), (8, 2), 60), track=9, start=6.0, former=(1,))
-    assert [(c.kind, c.track) for c in left if c.zone == 0] == [("exit", 9)]
+    assert [(c.kind, c.track) for c in left if c.border == 0] == [("exit", 9)]
 
 
 def test_a_gate_between_the_old_track_and_the_new_one_is_not_missed() -> None:
@@ -197,7 +204,7 @@ def test_a_change_of_floor_is_an_exit_here_and_an_enter_there() -> None:
     crossings = make()
     walk(crossings, line((2, 2), (2, 2), 5))
     happened = walk(crossings, line((2, 2), (2, 2), 15), start=1.0, floor=1)
-    assert [(c.kind, c.zone) for c in happened] == [("enter", 3), ("exit", 0)]
+    assert [(c.kind, c.border) for c in happened] == [("enter", 3), ("exit", 0)]
 
 
 def test_more_tracks_than_the_first_room_holds() -> None:
@@ -212,19 +219,28 @@ def test_more_tracks_than_the_first_room_holds() -> None:
 
 
 @given(x=st.lists(st.floats(-9, 12), min_size=1, max_size=40), seed=st.integers(0, 1000))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_the_grid_says_what_the_polygons_say(x: list[float], seed: int) -> None:
-    index = ZoneIndex([SQUARE, GATE, ELL, SQUARE], ["ground", "ground", "ground", "upper"], 0.3)
+    rings, reach = [SQUARE, GATE, ELL, SQUARE], 0.7
+    index = ZoneIndex(rings, ["ground", "ground", "ground", "upper"], reach)
     px = np.array(x)
     py = np.random.default_rng(seed).uniform(-9, 9, len(x))
     floor = np.random.default_rng(seed).integers(-1, 2, len(x))
-    row, zone, depth = index.nearby(px, py, floor)
+    row, zone, depth, _ = index.nearby(px, py, floor)
     told = {(r, z): d for r, z, d in zip(row.tolist(), zone.tolist(), depth.tolist(), strict=True)}
     assert len(told) == len(row)
     for r in range(len(x)):
-        for z in range(4):
-            exact = index.depth(np.array([z]), px[[r]], py[[r]])[0] if index.floor[z] == floor[r] else 0
-            assert told.get((r, z), 0) == exact
+        for z, ring in enumerate(rings):
+            polygon, point = shapely.Polygon(ring), shapely.Point(px[r], py[r])
+            exact = polygon.exterior.distance(point) * (1 if polygon.intersects(point) else -1)
+            if index.floor[z] != floor[r] or exact < -reach - 1.0:
+                assert (r, z) not in told
+            elif (r, z) not in told:
+                assert exact < -reach
+            elif told[r, z] == reach:
+                assert exact >= reach - 1e-9
+            else:
+                assert told[r, z] == pytest.approx(exact, abs=1e-9)
 
 
 @pytest.mark.parametrize("frames_per_s", [2, 7, 15, 30])
@@ -253,7 +269,7 @@ def test_whose_place_is_not_known_stays_where_they_were_under_whatever_number() 
     assert crossings.tracks.tolist() == [7]
     # Seen again on the far side of the gate: outside now, and nobody knows which way they went.
     happened = walk(crossings, line((12, 2), (12, 2), 20), track=7, start=15.0)
-    assert [(one.kind, one.zone) for one in happened] == [("exit", 0)]
+    assert [(one.kind, one.border) for one in happened] == [("exit", 0)]
 
 
 def test_whose_place_was_never_known_is_nowhere() -> None:
@@ -277,7 +293,7 @@ def test_somebody_found_to_be_two_numbers_leaves_once() -> None:
     assert [c.kind for c in walk(crossings, line((2, 3), (2, 3), 15), track=2, start=5.0)] == ["enter"]
     assert crossings.occupancy.tolist() == [2, 0, 0, 0]
     happened = walk(crossings, line((2, 3), (2, 3), 60), track=2, start=6.0, former=(1,))
-    assert happened == []
+    assert [(c.kind, c.track) for c in happened] == [("absorbed", 1)]
     assert crossings.occupancy.tolist() == [1, 0, 0, 0]
     assert crossings.tracks.tolist() == [2]
     assert [c.kind for c in walk(crossings, line((2, 3), (9, 3), 150), track=2, start=10.0, former=(1,))] == ["exit"]

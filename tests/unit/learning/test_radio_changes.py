@@ -133,6 +133,20 @@ def test_an_access_point_that_is_known_to_read_otherwise_is_not_gone_by_until_it
     np.testing.assert_allclose(model_of(proposal, site, lessons).shadowing.variance, live.shadowing.variance, atol=2e-3)
 
 
+def test_a_doubt_that_did_not_go_live_is_not_told_again_at_every_look(learned: tuple[RadioLessons, Hall]) -> None:
+    lessons, hall = learned
+    positions = hall.loss.positions.copy()
+    positions[0] = [10.0, 9.0, 2.8]
+    hall.loss = dataclasses.replace(hall.loss, positions=positions)
+    doubted_at = []
+    for minute in range(10, 14):
+        for device, offset in PHONES.items():
+            lessons.learn(hall.stretch(device, 60.0 * minute, offset=offset))
+        for now in (T0 + 60.0 * (minute + 1), T0 + 60.0 * (minute + 1) + 31.0):
+            doubted_at += [now for proposal in lessons.alarms(now) if not proposal.question]
+    assert len(doubted_at) == 1
+
+
 def test_where_more_than_half_read_otherwise_only_half_are_doubted(taught: tuple[RadioLessons, Hall]) -> None:
     lessons, _ = taught
     model = lessons._live.model

@@ -61,7 +61,7 @@ def imports(folder: Path) -> Iterator[tuple[str, Path]]:
                 yield name.split(".")[0], file.relative_to(ROOT)
 
 
-WITH_DATABASE = ("gateway", "learning")
+WITH_DATABASE = ("gateway", "history", "learning")
 """Who has a database installs what ``shared/database.py`` imports; to nobody else it is of any use."""
 
 

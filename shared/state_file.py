@@ -1,4 +1,4 @@
-"""Where the tracker's state is kept across restarts: one file, swapped whole, written beside the running tracker."""
+"""Where a service keeps its state across restarts: one file, swapped whole, written beside the running work."""
 
 from __future__ import annotations
 
@@ -13,25 +13,31 @@ from shared.runner import Health
 __all__ = ["StateFile", "write_whole"]
 
 Snapshot = Callable[[], tuple[int, Callable[[], bytes]]]
-"""Copies the state; returns the chunk it is of and what encodes the copy, in any thread."""
+"""Copies the state; returns a number that says of when it is and what encodes the copy, in any thread."""
 
 
 class StateFile:
-    """The saved state of one tracker.
+    """The saved state of one service.
 
     Args:
         file: where it lies; None keeps nothing.
         every: seconds between two saved states.
         snapshot: takes the state.
         health: told when it cannot be saved.
+        what: whose state it is, in the operator's words.
+        loss: what a restart would then cost, in the operator's words.
     """
 
-    def __init__(self, file: Path | None, every: float, snapshot: Snapshot, health: Health) -> None:
+    def __init__(
+        self, file: Path | None, every: float, snapshot: Snapshot, health: Health, *, what: str, loss: str
+    ) -> None:
         self._file = file
         self._every = every
         self._snapshot = snapshot
         self._health = health
-        self._saved_at, self._saved_chunk = time.monotonic(), -1
+        self._what = what
+        self._loss = loss
+        self._saved_at, self._saved = time.monotonic(), -1
         self._saving: threading.Thread | None = None
         self._soon = False
 
@@ -45,49 +51,49 @@ class StateFile:
             return None
         return self._file.read_bytes()
 
-    def restored(self, chunk: int) -> None:
+    def restored(self, moment: int) -> None:
         """Note that what was read is in use."""
-        self._saved_chunk = chunk
+        self._saved = moment
 
     def save_soon(self) -> None:
         """Do not wait for the time: what was saved holds what must be gone."""
         self._soon = True
 
-    def save_if_due(self, chunk: int) -> None:
+    def save_if_due(self, moment: int) -> None:
         """Save the state when it is time and anything happened, without waiting; not while it is still being saved."""
         if self._soon or time.monotonic() - self._saved_at >= self._every:
-            self._save(chunk)
+            self._save(moment)
 
-    def save_last(self, chunk: int) -> None:
+    def save_last(self, moment: int) -> None:
         """Save the state before the process ends."""
         if self._saving:
             self._saving.join()
-        self._save(chunk)
+        self._save(moment)
         if self._saving:
             self._saving.join()
 
-    def _save(self, chunk: int) -> None:
+    def _save(self, moment: int) -> None:
         if self._saving and self._saving.is_alive():
             return
         self._saved_at, self._soon = time.monotonic(), False
-        if self._file is None or chunk == self._saved_chunk:
+        if self._file is None or moment == self._saved:
             return
         taken, encode = self._snapshot()
         arguments = (self._file, taken, encode)
         self._saving = threading.Thread(target=self._write, args=arguments, name="saving", daemon=True)
         self._saving.start()
 
-    def _write(self, file: Path, chunk: int, encode: Callable[[], bytes]) -> None:
+    def _write(self, file: Path, moment: int, encode: Callable[[], bytes]) -> None:
         try:
             write_whole(file, encode())
         except OSError as error:
             self._health.degraded(
                 "state",
-                f"cannot save the tracker's state to {file}: {error.strerror}; after a restart everybody would be "
-                "numbered and named anew: make room, or let the service write there",
+                f"cannot save {self._what} to {file}: {error.strerror}; after a restart {self._loss}: "
+                "make room, or let the service write there",
             )
             return
-        self._saved_chunk = chunk
+        self._saved = moment
         self._health.well("state")
 
 

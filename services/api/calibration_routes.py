@@ -1,0 +1,247 @@
+"""``/v1/cameras/{id}/still``, ``…/board``, ``…/calibration`` and ``/v1/access-points``: setting a site up in a browser.
+
+Pictures need the scope ``stills``, saving needs ``setup``; both are in no key that does not name them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+from fastapi import APIRouter, Query, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from services.api.audit_hook import audit
+from services.api.auth import Holder
+from services.api.bodies import described_body, read_body
+from services.api.calibration_replies import (
+    CALIBRATION_EXAMPLES,
+    BoardCorners,
+    CalibrationSave,
+    CalibrationSaved,
+    CalibrationTrial,
+    CalibrationTry,
+    CalibrationView,
+    Placement,
+    Placements,
+    PlacementSave,
+    StillOpened,
+)
+from services.api.calibration_saving import (
+    calibration_view,
+    check_inside,
+    lens_of,
+    save_calibration,
+    saved,
+    unfit,
+)
+from services.api.calibration_trial import all_pairs, try_pairs
+from services.api.camera_link import CameraLink
+from services.api.learning_link import LearningLink
+from services.api.openapi import documented, errors
+from services.api.problems import Problem, ProblemError, unknown
+from services.api.settings import Scope
+from services.api.setup_desk import SetupDesk
+from shared.keys import Keys
+from shared.site import Camera, Site
+from shared.site.camera_geometry import GeometryError
+
+__all__ = ["calibration_routes"]
+
+LARGEST = 1 << 20
+"""Bytes of a body."""
+
+_JPEG: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "The camera's newest picture; X-Atrium-Taken says when it was taken, seconds since the epoch.",
+        "content": {"image/jpeg": {"schema": {"type": "string", "format": "binary"}, "example": "(a JPEG)"}},
+    }
+}
+
+
+def calibration_routes(
+    site: Site, site_file: Path, ask: Callable[[str, float, bytes | None], bytes | None], learning: LearningLink
+) -> APIRouter:
+    """Return the routes.
+
+    Args:
+        site: as read at the start.
+        site_file: beside it is saved.
+        ask: sends a query over the bus.
+        learning: knows which corrections of calibrations were learned.
+    """
+    router = APIRouter(prefix="/v1", tags=["set-up"], default_response_class=Response)
+    link, desk = CameraLink(Keys(site.site), ask), SetupDesk(site_file, site)
+
+    @router.post("/cameras/{camera}/still", responses=documented(StillOpened, 404, 409, 422, 429, 503))
+    def open_stills(request: Request, camera: str) -> Response:
+        """Allow stills of a camera for some minutes; the camera's setting allow_stills must be on."""
+        _needs(request, "stills")
+        _camera(site, camera)
+        with _audited(request, "open stills", camera):
+            answer = link.ask(camera, "open", _name(request))
+        return _json(StillOpened(words=answer.words, until=answer.until))
+
+    @router.get("/cameras/{camera}/still", responses=_JPEG | errors(404, 409, 422, 429, 503))
+    def still(request: Request, camera: str) -> Response:
+        """One picture of a camera for its calibration, while stills are open; each is noted with the key's name."""
+        _needs(request, "stills")
+        _camera(site, camera)
+        with _audited(request, "camera still", camera):
+            answer = link.ask(camera, "look", _name(request))
+        headers = {"Cache-Control": "no-store", "X-Atrium-Taken": f"{answer.t:.3f}"}
+        return Response(answer.jpeg, media_type="image/jpeg", headers=headers)
+
+    @router.get("/cameras/{camera}/board", responses=documented(BoardCorners, 404, 409, 422, 429, 503))
+    def board(
+        request: Request,
+        camera: str,
+        columns: Annotated[int, Query(ge=3, le=30, description="inner corners in a row: squares less one")],
+        rows: Annotated[int, Query(ge=3, le=30, description="rows of them")],
+    ) -> Response:
+        """Find a checkerboard that lies on the floor in the camera's newest picture, while stills are open."""
+        _needs(request, "stills")
+        _camera(site, camera)
+        with _audited(request, "camera board", camera):
+            answer = link.ask(camera, "board", _name(request), columns, rows)
+        return _json(BoardCorners(image_size=(answer.width, answer.height), corners=answer.corners))
+
+    @router.get("/cameras/{camera}/calibration", responses=documented(CalibrationView, 404, 409))
+    def calibration(camera: str) -> Response:
+        """How a camera is calibrated: as saved in the browser, or else as the site file says."""
+        return _json(calibration_view(site, desk, _camera(site, camera)))
+
+    @router.post(
+        "/cameras/{camera}/calibration/try",
+        responses=documented(CalibrationTrial, 404, 409, 413, 422),
+        openapi_extra=described_body(CalibrationTry, CALIBRATION_EXAMPLES[CalibrationTry]),
+    )
+    async def attempt(request: Request, camera: str) -> Response:
+        """Fit a camera to pairs: residuals, a suspected wrong click, the floor's grid in the picture; stores none."""
+        named = _camera(site, camera)
+        order = await read_body(request, CalibrationTry, LARGEST)
+
+        def work() -> CalibrationTrial:
+            lens = lens_of(desk, named, order.image_size) if order.use_lens else None
+            floor = site.floor(site.area(named.area).floor)
+            try:
+                image, plan = all_pairs(order)
+                check_inside(image, order.image_size)
+                return try_pairs(camera, floor, order.image_size, image, plan, lens)
+            except (GeometryError, ValueError) as error:
+                raise unfit(str(error)) from error
+
+        return _json(await run_in_threadpool(work))
+
+    @router.post(
+        "/cameras/{camera}/calibration",
+        responses=documented(CalibrationSaved, 404, 409, 413, 422, 503),
+        openapi_extra=described_body(CalibrationSave, CALIBRATION_EXAMPLES[CalibrationSave]),
+    )
+    async def save(request: Request, camera: str) -> Response:
+        """Save a calibration and the area of interest beside the site file; the one before is kept."""
+        _needs(request, "setup")
+        named = _camera(site, camera)
+        order = await read_body(request, CalibrationSave, LARGEST)
+
+        def work() -> CalibrationSaved:
+            with _audited(request, "save calibration", camera):
+                return save_calibration(site, desk, learning, named, order, _name(request))
+
+        return _json(await run_in_threadpool(work))
+
+    @router.get("/access-points", responses=documented(Placements, 409))
+    def placements() -> Response:
+        """Where the access points hang: as placed in the browser, or else as the site file says."""
+        placed = desk.read().access_points
+        return _json(
+            Placements(
+                access_points=[
+                    Placement(
+                        id=point.id,
+                        floor=point.floor,
+                        kind=point.kind,
+                        position=placed[point.id].position if point.id in placed else point.position,
+                        saved=placed[point.id].saved if point.id in placed else None,
+                    )
+                    for point in site.access_points
+                ]
+            )
+        )
+
+    @router.post(
+        "/access-points",
+        responses=documented(CalibrationSaved, 404, 409, 413, 422, 503),
+        openapi_extra=described_body(PlacementSave, CALIBRATION_EXAMPLES[PlacementSave]),
+    )
+    async def place(request: Request) -> Response:
+        """Save where access points hang beside the site file; null: as the site file says."""
+        _needs(request, "setup")
+        order = await read_body(request, PlacementSave, LARGEST)
+        known = {point.id: point for point in site.access_points}
+        for name in order.positions:
+            if name not in known:
+                raise unknown("access point", name, list(known))
+
+        def work() -> CalibrationSaved:
+            with _audited(request, "place access points", ", ".join(order.positions)[:200]):
+                version = desk.place(order.positions, _name(request))
+            floors = {known[name].floor for name in order.positions}
+            areas = [area.id for area in site.areas if area.floor in floors]
+            return saved(version, [f"fusion of {area}" for area in areas], [])
+
+        return _json(await run_in_threadpool(work))
+
+    return router
+
+
+def _camera(site: Site, camera: str) -> Camera:
+    known = [one.id for one in site.cameras]
+    if camera not in known:
+        raise unknown("camera", camera, known)
+    return site.camera(camera)
+
+
+def _name(request: Request) -> str:
+    holder: Holder = request.state.holder
+    return holder.name
+
+
+def _needs(request: Request, scope: Scope) -> None:
+    holder: Holder = request.state.holder
+    if scope not in holder.scopes:
+        audit(request, f"needs {scope}", request.url.path, "refused")
+        what = "see pictures of cameras" if scope == "stills" else "change how the site is set up"
+        raise ProblemError(
+            Problem(
+                type="urn:atrium:forbidden",
+                title="Scope missing",
+                status=403,
+                detail=f"this key may not {what}",
+                field="Authorization",
+                found=f"a key with the scopes {', '.join(sorted(holder.scopes))}",
+                allowed=f"a key with the scope {scope}, too",
+            )
+        )
+
+
+class _audited:  # noqa: N801 - reads like a function where it is used
+    """Notes what came of what is done within the block."""
+
+    def __init__(self, request: Request, action: str, subject: str) -> None:
+        self._told = request, action, subject
+
+    def __enter__(self) -> None:
+        """Begin."""
+
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        """Note how it ended."""
+        outcome = "done" if error is None else error.problem.title if isinstance(error, ProblemError) else "failed"
+        audit(*self._told, outcome)
+
+
+def _json(body: msgspec.Struct) -> Response:
+    return Response(msgspec.json.encode(body), media_type="application/json", headers={"Cache-Control": "no-store"})

@@ -1,0 +1,79 @@
+// Small things every page needs: elements, the moment a page is built, times in words.
+
+// element("button", {type: "button", class: "row", onclick: act}, "text", otherElement, …)
+export function element(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (value === null || value === undefined) continue;
+    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
+    else if (name in made && typeof value !== "string") made[name] = value;
+    else made.setAttribute(name, value);
+  }
+  made.append(...children.filter((child) => child !== null && child !== undefined));
+  return made;
+}
+
+// NiceGUI builds the page after the modules have loaded: wait for these elements, by id.
+export function appeared(ids) {
+  return new Promise((resolve) => {
+    const look = () => {
+      const found = Object.fromEntries(ids.map((id) => [id, document.getElementById(id)]));
+      if (Object.values(found).some((one) => one === null)) return false;
+      resolve(found);
+      return true;
+    };
+    if (look()) return;
+    const observer = new MutationObserver(() => look() && observer.disconnect());
+    observer.observe(document.body, { childList: true, subtree: true });
+  });
+}
+
+const clock = new Intl.DateTimeFormat(undefined, {
+  hour: "2-digit", minute: "2-digit", second: "2-digit", hourCycle: "h23",
+});
+const calendar = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short" });
+
+// A moment (seconds since the epoch) in the reader's own time zone, which only the browser knows.
+export function spoken(t) {
+  const when = new Date(1000 * t);
+  const today = new Date().toDateString() === when.toDateString();
+  return today ? clock.format(when) : `${calendar.format(when)}, ${clock.format(when)}`;
+}
+
+export function timeOf(t) {
+  return element("time", { datetime: new Date(1000 * t).toISOString() }, spoken(t));
+}
+
+// 42 s, 3 min, 2 h 5 min
+export function duration(seconds) {
+  if (seconds < 60) return `${Math.round(seconds)} s`;
+  const minutes = Math.round(seconds / 60);
+  if (minutes < 60) return `${minutes} min`;
+  const rest = minutes % 60;
+  return `${Math.floor(minutes / 60)} h${rest ? ` ${rest} min` : ""}`;
+}
+
+export function sentence(text) {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
+export function count(number, one, many) {
+  return `${number} ${number === 1 ? one : many}`;
+}
+
+// A screen on the wall shows the same after every restart. A browser may forbid storing: then it forgets.
+export function remember(name, value) {
+  try {
+    localStorage.setItem(`atrium.${name}`, value);
+  } catch {
+    // forgotten
+  }
+}
+
+export function remembered(name) {
+  try {
+    return localStorage.getItem(`atrium.${name}`);
+  } catch {
+    return null;
+  }
+}

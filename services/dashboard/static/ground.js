@@ -1,0 +1,33 @@
+// The layers that stand still: plan, zones, walls, cameras, access points. Painted once, copied under every picture.
+
+import * as painting from "./painting.js";
+import { paintZones } from "./zone_painting.js";
+
+export class Ground {
+  #canvas = document.createElement("canvas");
+  #painted = null;
+
+  // Anew only where the view, the floor, the zones (of all floors) or what is shown has changed.
+  picture(view, ratio, site, floor, zones, layers) {
+    const [x, y] = view.toScreen(0, 0);
+    const shown = [layers.zones, layers.cameras, layers.radio];
+    const key = [site, floor, zones, ratio, view.width, view.height, view.scale, x, y, ...shown];
+    if (this.#painted !== null && key.every((part, i) => part === this.#painted[i])) return this.#canvas;
+    this.#painted = key;
+    this.#canvas.width = Math.max(Math.round(view.width * ratio), 1);
+    this.#canvas.height = Math.max(Math.round(view.height * ratio), 1);
+    const context = this.#canvas.getContext("2d");
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    const cameras = site.cameras.filter((camera) => camera.floor === floor.id);
+    painting.paintPlan(context, view, floor);
+    if (layers.cameras) painting.paintFootprints(context, view, cameras);
+    if (layers.zones) paintZones(context, view, zones.filter((zone) => zone.floor === floor.id));
+    painting.paintWalls(context, view, floor);
+    if (layers.radio) {
+      painting.paintRadio(context, view, site.access_points.filter((one) => one.floor === floor.id && one.position));
+    }
+    if (layers.cameras) painting.paintCameras(context, view, cameras);
+    painting.paintScale(context, view, site.north);
+    return this.#canvas;
+  }
+}

@@ -1,0 +1,248 @@
+// The page where zones are drawn: the plan, the list, the form of the chosen one, and the API that keeps them.
+
+import { ask } from "./ask.js";
+import { appeared, element, remember, remembered } from "./dom.js";
+import { ZoneCanvas } from "./zone_canvas.js";
+import { Draft, idFor } from "./zone_draft.js";
+import { ZoneForm } from "./zone_form.js";
+import { newRule } from "./zone_rules.js";
+
+const HINT = "Click a zone to change it. Drag to move the map, wheel or two fingers to zoom.";
+const HINT_CHANGING = "Drag corners; drag or click the small dots to insert one. Keys on the plan: n p choose a corner, arrows move it "
+  + "(Shift: a metre), i inserts, Del deletes, Ctrl+Z undoes.";
+
+const page = await appeared(["zones-canvas", "zones-floor", "zones-list", "zones-form", "zones-problem", "zones-hint", "zones-ask",
+  "zones-area", "zones-line", "zones-undo", "zones-redo", "zones-snap", "zones-in", "zones-out", "zones-fit"]);
+const state = { site: null, floor: null, zones: [], draft: null };
+
+const canvas = new ZoneCanvas(page["zones-canvas"], {
+  choose: (id) => choose(id),
+  drawn: (shape, points) => drawn(shape, points),
+  changed: () => changed(),
+  cornerChosen: () => form.refresh(),
+  say,
+});
+const form = new ZoneForm(page["zones-form"], {
+  changed: () => changed(),
+  save,
+  discard: () => discard(),
+  remove,
+  corner: (index) => canvas.chooseCorner(index),
+  insertAfter: (index) => canvas.insertAfter(index),
+  removeCorner: (index) => canvas.remove(index),
+});
+
+function say(words) {
+  page["zones-hint"].textContent = words;
+}
+
+async function load() {
+  try {
+    const [site, answer] = await Promise.all([ask("site"), ask("zones")]);
+    tell("");
+    state.site = site;
+    state.zones = answer.zones;
+    const floors = [...site.floors].sort((a, b) => (b.level ?? 0) - (a.level ?? 0));
+    const select = page["zones-floor"];
+    select.replaceChildren(...floors.map((floor) => new Option(floor.name || floor.id, floor.id)));
+    select.parentElement.hidden = floors.length < 2;
+    const wished = state.floor?.id ?? remembered("floor");
+    showFloor(floors.find((floor) => floor.id === wished) ?? floors.at(-1));
+  } catch (problem) {
+    tell(`${problem.message} Trying again…`);
+    setTimeout(load, 3000);
+  }
+}
+
+function tell(words) {
+  page["zones-problem"].textContent = words;
+  page["zones-problem"].hidden = words === "";
+}
+
+function showFloor(floor) {
+  state.floor = floor;
+  page["zones-floor"].value = floor.id;
+  remember("floor", floor.id);
+  canvas.show(state.site, floor);
+  show();
+}
+
+function here() {
+  return state.zones.filter((zone) => zone.floor === state.floor.id);
+}
+
+// Everything anew, as `state` says.
+function show(refusal = null) {
+  canvas.set(here(), state.draft);
+  form.show(state.draft, refusal);
+  list();
+  buttons();
+  say(state.draft === null ? HINT : HINT_CHANGING);
+}
+
+function list() {
+  const rows = here().map((zone) => {
+    const chosen = zone.id === state.draft?.zone.id;
+    const rules = zone.rules?.length ?? zone.alert_on?.length ?? 0;
+    const words = `${zone.shape === "line" ? "line" : "area"}, ${rules === 0 ? "tells nothing" : rules === 1 ? "1 rule" : `${rules} rules`}`;
+    return element("li", {}, element("button", { type: "button", class: "row", "aria-pressed": String(chosen), onclick: () => choose(zone.id) },
+      element("strong", {}, zone.name || zone.id), element("span", {}, words)));
+  });
+  page["zones-list"].replaceChildren(...rows);
+}
+
+function buttons() {
+  page["zones-undo"].disabled = !state.draft?.undoable;
+  page["zones-redo"].disabled = !state.draft?.redoable;
+}
+
+function changed() {
+  canvas.draw();
+  form.refresh();
+  buttons();
+}
+
+async function choose(id) {
+  if (canvas.drawing || id === (state.draft?.zone.id ?? null)) return;
+  if (!(await mayLeave())) return;
+  const zone = state.zones.find((one) => one.id === id);
+  state.draft = zone === undefined ? null : new Draft(zone, zone.etag ?? "");
+  show();
+}
+
+async function begin(shape) {
+  if (state.floor === null || !(await mayLeave())) return;
+  state.draft = null;
+  show();
+  canvas.begin(shape);
+}
+
+function drawn(shape, points) {
+  const name = shape === "area" ? "New area" : "New line";
+  const zone = { id: idFor(name, state.zones.map((one) => one.id)), name: "", floor: state.floor.id, shape, points, rules: [] };
+  zone.rules.push(newRule(zone));
+  state.draft = new Draft(zone, null);
+  show();
+  document.getElementById("zone-name").focus();
+}
+
+async function save() {
+  const { draft } = state;
+  const { zone, fresh, etag } = draft;
+  if (!form.check()) return;
+  // A name is what people see; the id follows it unless somebody chose one.
+  if (fresh && /^new-(area|line)/.test(zone.id) && zone.name !== "") {
+    draft.change((now) => (now.id = idFor(now.name, state.zones.map((one) => one.id))));
+  }
+  page["zones-form"].inert = true;
+  try {
+    const answer = fresh
+      ? await ask("zones", { method: "POST", body: draft.zone })
+      : await ask(`zones/${encodeURIComponent(zone.id)}`, { method: "PUT", body: draft.zone, ifMatch: etag });
+    state.zones = (await ask("zones")).zones;
+    const kept = state.zones.find((one) => one.id === (answer?.id ?? draft.zone.id));
+    state.draft = kept === undefined ? null : new Draft(kept, kept.etag ?? "");
+    show();
+    say(`${draft.zone.name || draft.zone.id} is saved and holds from now on.`);
+  } catch (refusal) {
+    if (refusal.status === 412) await changedMeanwhile();
+    else show(refusal);
+  } finally {
+    page["zones-form"].inert = false;
+  }
+}
+
+async function changedMeanwhile() {
+  const theirs = await question("Somebody else changed this zone meanwhile.", "Show theirs", "Keep mine");
+  const { id } = state.draft.zone;
+  state.zones = (await ask("zones")).zones;
+  const now = state.zones.find((one) => one.id === id);
+  if (theirs) state.draft = now === undefined ? null : new Draft(now, now.etag ?? "");
+  else state.draft.etag = now?.etag ?? null;
+  show();
+}
+
+async function discard() {
+  const { zone, fresh } = state.draft;
+  state.draft = null;
+  const kept = fresh ? undefined : state.zones.find((one) => one.id === zone.id);
+  if (kept !== undefined) state.draft = new Draft(kept, kept.etag ?? "");
+  show();
+}
+
+async function remove() {
+  const { zone, etag } = state.draft;
+  if (!(await question(`Delete ${zone.name || zone.id} and its rules? Alerts told of it stay.`, "Delete", "Cancel"))) return;
+  try {
+    await ask(`zones/${encodeURIComponent(zone.id)}`, { method: "DELETE", ifMatch: etag });
+    state.zones = (await ask("zones")).zones;
+    state.draft = null;
+    show();
+    say(`${zone.name || zone.id} is gone.`);
+  } catch (refusal) {
+    if (refusal.status === 412) await changedMeanwhile();
+    else show(refusal);
+  }
+}
+
+async function mayLeave() {
+  if (!state.draft?.changed) return true;
+  const name = state.draft.zone.name || state.draft.zone.id;
+  return question(`The changes to ${name} are not saved.`, "Discard them", "Go on changing");
+}
+
+// Whether somebody said yes.
+function question(words, yes, no) {
+  const dialog = page["zones-ask"];
+  return new Promise((resolve) => {
+    const button = (text, value, kind) => element("button", { type: "button", class: kind, onclick: () => dialog.close(value) }, text);
+    dialog.replaceChildren(element("p", {}, words), element("div", { class: "orders" }, button(no, "no", ""), button(yes, "yes", "primary")));
+    dialog.returnValue = "no";
+    dialog.addEventListener("close", () => resolve(dialog.returnValue === "yes"), { once: true });
+    dialog.showModal();
+  });
+}
+
+function step(name) {
+  if (!state.draft) return;
+  state.draft[name]();
+  show();
+}
+
+page["zones-area"].addEventListener("click", () => begin("area"));
+page["zones-line"].addEventListener("click", () => begin("line"));
+page["zones-undo"].addEventListener("click", () => step("undo"));
+page["zones-redo"].addEventListener("click", () => step("redo"));
+page["zones-snap"].addEventListener("change", (event) => (canvas.snapping = event.target.checked));
+page["zones-in"].addEventListener("click", () => (canvas.view.zoom(1.4), canvas.draw()));
+page["zones-out"].addEventListener("click", () => (canvas.view.zoom(1 / 1.4), canvas.draw()));
+page["zones-fit"].addEventListener("click", () => canvas.fit());
+page["zones-floor"].addEventListener("change", async (event) => {
+  const wished = state.site.floors.find((floor) => floor.id === event.target.value);
+  event.target.value = state.floor.id;
+  if (!(await mayLeave())) return;
+  state.draft = null;
+  canvas.cancel();
+  showFloor(wished);
+});
+document.addEventListener("keydown", (event) => {
+  if (!(event.ctrlKey || event.metaKey) || !["z", "Z", "y"].includes(event.key)) return;
+  event.preventDefault();
+  step(event.key === "z" ? "undo" : "redo");
+});
+window.addEventListener("beforeunload", (event) => {
+  if (state.draft?.changed) event.preventDefault();
+});
+
+await load();
+
+// For tests, and for the curious in the browser's console.
+window.atriumZones = {
+  toScreen: (x, y) => canvas.view.toScreen(x, y),
+  get draft() {
+    return state.draft?.zone ?? null;
+  },
+  get ready() {
+    return state.floor !== null && canvas.view.width > 1;
+  },
+};

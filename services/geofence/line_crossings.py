@@ -1,0 +1,77 @@
+"""Who crossed which directed line: the side on which somebody surely is, and the steps that cut the line in between.
+
+A crossing counts once somebody is surely on the other side (``evidence``) and the steps since they were surely on this
+one cut the line once more in that direction than back. Whoever goes round its end cuts it not; whoever steps over it
+and back is on the same side again; noise on the line cuts it back and forth.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.geofence.evidence import gathered
+from services.geofence.pairs import Frame, Pairs
+
+__all__ = ["advance_lines"]
+
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+MARGIN = 0.4
+"""Of the margin, on either side: there is no inside that noise should not flicker out of."""
+PATIENCE = 1.5
+"""Times the least seconds: a crossing is told with its own time, and nobody stands on a line to be counted twice."""
+
+
+def advance_lines(
+    state: NDArray[Any], new: Bools, pairs: Pairs, frame: Frame, min_seconds: float, depth_before: Floats
+) -> tuple[Ints, Ints, Bools]:
+    """Advance (m,) pairs of tracks and lines to the frame, in place.
+
+    Args:
+        state: (m,) of ``PAIR``; what is ``new`` holds only its code.
+        new: (m,) whether the pair mattered not so far.
+        pairs: (m,).
+        frame: in which they are.
+        min_seconds: see ``evidence.gathered``.
+        depth_before: (m,) of each track in the frame before, where new; NaN where nobody knows.
+
+    Returns:
+        forward: places among the pairs that crossed from left to right.
+        backward: and from right to left.
+        stays: (m,) whether the pair must be remembered.
+    """
+    row = pairs.row
+    # Who is seen first beside a line, or is new there, is on no side yet.
+    state["side"][new] = np.where(np.isfinite(depth_before), np.where(depth_before >= 0.0, 1, -1), 0)[new]
+    cut = pairs.crossed
+    share = pairs.share
+    before_t, before_x, before_y = frame.before_t[row], frame.before_x[row], frame.before_y[row]
+    state["net"] += pairs.net
+    state["t"][cut] = (before_t + share * (frame.t - before_t))[cut]
+    state["x"][cut] = (before_x + share * (frame.x[row] - before_x))[cut]
+    state["y"][cut] = (before_y + share * (frame.y[row] - before_y))[cut]
+
+    min_seconds = PATIENCE * min_seconds
+    side = state["side"].astype(float)
+    seconds = np.where(frame.known[row], frame.t - before_t, 0.0)
+    margin = MARGIN * pairs.margin
+    beyond = np.where(side == 0.0, pairs.depth, -side * pairs.depth) - margin
+    sigma = np.maximum(pairs.sigma, 1e-9)
+    state["evidence"] = gathered(state["evidence"], beyond / sigma - pairs.demand, seconds, min_seconds)
+    turns = state["evidence"] >= 1.0
+    told = turns & (state["net"] * side > 0.0)
+    forward, backward = np.flatnonzero(told & (side > 0.0)), np.flatnonzero(told & (side < 0.0))
+    nowhere = side == 0.0
+    right = (-pairs.depth - margin) / sigma - pairs.demand
+    state["away"] = np.where(nowhere, gathered(state["away"], right, seconds, min_seconds), 0.0)
+    state["side"] = np.where(turns, np.where(nowhere, 1, -side), np.where(state["away"] >= 1.0, -1, side))
+    settled = turns | (nowhere & (state["side"] != 0))
+    state["net"][settled] = 0
+    state["evidence"][settled] = 0.0
+    surely_here = state["side"] * pairs.depth > pairs.sure
+    return forward, backward, ~surely_here | settled

@@ -1,0 +1,1 @@
+"""What a past full of positions tells: pure functions of arrays."""

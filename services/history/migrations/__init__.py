@@ -1,0 +1,1 @@
+"""Schema of history's tables (Alembic)."""

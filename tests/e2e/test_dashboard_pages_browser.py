@@ -1,0 +1,411 @@
+"""The dashboard's pages as staff use them, in a real browser, before a double of the API."""
+
+import base64
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from api_double import DEVICES, KEY, Double
+from browser import open_browser
+from dashboard_process import dashboard
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys as Key
+from selenium.webdriver.remote.webdriver import WebDriver
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.select import Select
+from waiting import wait_until
+
+from shared.zones import ZoneDefinition
+
+pytestmark = pytest.mark.alone
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def system(project: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Double]]:
+    with dashboard(project, tmp_path_factory.mktemp("dashboard")) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def downloads(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("downloads")
+
+
+@pytest.fixture(scope="module")
+def browser(downloads: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[WebDriver]:
+    with open_browser(tmp_path_factory.mktemp("browser")) as opened:
+        allowed = {"behavior": "allow", "downloadPath": str(downloads)}
+        opened.execute_cdp_cmd("Browser.setDownloadBehavior", allowed)
+        yield opened
+
+
+def test_an_area_is_drawn_given_a_rule_and_saved(
+    system: tuple[str, Double], browser: WebDriver, tmp_path: Path
+) -> None:
+    url, double = system
+    _open_zones(url, browser)
+    _button(browser, "New area").click()
+    _click(browser, (14.02, 8.98), (17.0, 9.0), (17.0, 6.0), (14.0, 6.0), (14.0, 9.0))
+    name = wait_until(lambda: _found(browser, "#zone-name"), 5, "the form")
+    name.send_keys("Café corner")
+    Select(browser.find_element(By.ID, "rule-0-kind")).select_by_visible_text("Too many people are inside")
+    limit = browser.find_element(By.ID, "rule-0-limit")
+    limit.clear()
+    limit.send_keys("25")
+    browser.save_screenshot(str(tmp_path / "drawn.png"))
+    _button(browser, "Save").click()
+    kept = _kept(double, "cafe-corner", "the zone at the API")
+    assert kept["points"] == [(14.0, 9.0), (17.0, 9.0), (17.0, 6.0), (14.0, 6.0)]  # on the grid, corners closed
+    assert [(rule["kind"], rule["limit"]) for rule in kept["rules"]] == [("crowd", 25.0)]
+    wait_until(lambda: "is saved and holds" in _text(browser), 5, "the word that it is saved")
+    assert _severe(browser) == []
+
+
+def test_corners_are_dragged_inserted_deleted_and_undone(system: tuple[str, Double], browser: WebDriver) -> None:
+    url, double = system
+    _open_zones(url, browser)
+    _button(browser, "Entrance").click()
+    _drag(browser, (7.0, 2.5), (6.0, 3.0))
+    assert _points(browser)[3] == [6.0, 3.0]
+    _drag(browser, (10.0, 0.0), (10.0, 1.0))
+    assert len(_points(browser)) == 5
+    canvas = browser.find_element(By.ID, "zones-canvas")
+    canvas.send_keys(Key.DELETE)  # the corner just dragged is the chosen one
+    assert len(_points(browser)) == 4
+    for _ in range(3):
+        canvas.send_keys(Key.CONTROL + "z")
+    assert _points(browser) == [[7, 0], [13, 0], [13, 2.5], [7, 2.5]]
+    assert not _button(browser, "Save").is_enabled()
+    canvas.send_keys(Key.CONTROL + "y")
+    _button(browser, "Save").click()
+    wait_until(lambda: double.zones["entrance"]["points"][3] == (6.0, 3.0), 5, "the moved corner at the API")
+
+
+def test_a_line_is_drawn_by_keyboard_alone(system: tuple[str, Double], browser: WebDriver) -> None:
+    url, double = system
+    _open_zones(url, browser)
+    _button(browser, "New line").send_keys(Key.ENTER)
+    canvas = browser.switch_to.active_element
+    assert canvas.get_attribute("id") == "zones-canvas"
+    keys = (Key.SHIFT + Key.ARROW_LEFT, Key.NULL + Key.ENTER, Key.SHIFT + 2 * Key.ARROW_RIGHT, Key.NULL + Key.ENTER)
+    for pressed in keys:
+        canvas.send_keys(pressed)
+    wait_until(lambda: browser.switch_to.active_element.get_attribute("id") == "zone-name", 5, "the form in focus")
+    browser.switch_to.active_element.send_keys("Door")
+    Select(browser.find_element(By.ID, "rule-0-direction")).select_by_visible_text("Forward, as the arrow points")
+    _button(browser, "Save").send_keys(Key.ENTER)
+    kept = _kept(double, "door", "the line at the API")
+    (x0, y0), (x1, y1) = kept["points"]
+    assert (kept["shape"], round(x1 - x0, 3), y0 == y1) == ("line", 2.0, True)
+    assert kept["rules"][0]["direction"] == "forward"
+
+
+def test_what_the_api_refuses_is_told_beside_the_field_and_nothing_is_lost(
+    system: tuple[str, Double], browser: WebDriver
+) -> None:
+    url, double = system
+    _open_zones(url, browser)
+    _button(browser, "Around the model").click()
+    _button(browser, "Add a rule").click()
+    double.refuse = {"status": 422, "title": "Invalid", "detail": "kind: not here", "field": "rules[0].kind"}
+    _button(browser, "Save").click()
+    problem = wait_until(lambda: _shown(browser, "[data-for='rules[0].kind']"), 5, "the problem at the rule")
+    assert problem.text == "Kind: not here."
+    assert browser.find_element(By.ID, "rule-0-kind").get_attribute("aria-invalid") == "true"
+    double.refuse = {"status": 503, "title": "Away", "detail": "the database is away"}
+    _button(browser, "Save").click()
+    wait_until(lambda: "The database is away." in _text(browser), 5, "a problem of no field")
+    _button(browser, "Save").click()
+    wait_until(lambda: len(double.zones["model-corner"]["rules"]) == 1, 5, "the rule at the API")
+
+
+def test_a_limit_that_means_nothing_is_told_before_anything_is_sent(
+    system: tuple[str, Double], browser: WebDriver
+) -> None:
+    url, double = system
+    _open_zones(url, browser)
+    _button(browser, "Around the model").click()
+    _button(browser, "Add a rule").click()
+    number = len(browser.find_elements(By.CSS_SELECTOR, ".rule")) - 1
+    Select(browser.find_element(By.ID, f"rule-{number}-kind")).select_by_value("speed")
+    browser.find_element(By.ID, f"rule-{number}-limit").clear()
+    before = [line for line in double.asked if line.startswith("PUT")]
+    _button(browser, "Save").click()
+    wait_until(lambda: _shown(browser, f"[data-for='rules[{number}].limit']"), 5, "the problem at the limit")
+    assert [line for line in double.asked if line.startswith("PUT")] == before
+    _button(browser, "Discard changes").click()
+
+
+def test_a_crossed_outline_cannot_be_saved(system: tuple[str, Double], browser: WebDriver) -> None:
+    url, _ = system
+    _open_zones(url, browser)
+    _button(browser, "Around the model").click()
+    _drag(browser, (7.5, 6.0), (13.0, 8.0))
+    wait_until(lambda: "The outline crosses itself" in _text(browser), 5, "the words")
+    assert not _button(browser, "Save").is_enabled()
+    _button(browser, "Discard changes").click()
+
+
+def test_an_alert_arrives_by_itself_and_is_acknowledged_once(
+    system: tuple[str, Double], browser: WebDriver, tmp_path: Path
+) -> None:
+    url, double = system
+    browser.get(f"{url}/alerts")
+    wait_until(lambda: "Nothing of that kind" in _empty(browser), 20, "an empty inbox")
+    alert = double.raise_alert(kind="crowd", value=23.0, limit=20.0, device=None)
+    wait_until(lambda: len(_alerts(browser)) == 1, 10, "the alert")
+    assert "23 people in Entrance, allowed: 20" in _alerts(browser)[0]
+    _button(browser, "Acknowledge").send_keys(Key.ENTER)
+    browser.switch_to.active_element.send_keys("A school class <b>")
+    double.raise_alert(kind="exit")
+    wait_until(lambda: len(_alerts(browser)) == 2, 10, "another alert while somebody writes")
+    browser.save_screenshot(str(tmp_path / "inbox.png"))
+    form = browser.find_element(By.CSS_SELECTOR, "form.acknowledge")
+    form.find_element(By.CSS_SELECTOR, "button[type=submit]").click()
+    wait_until(lambda: alert["acknowledged"] is not None, 5, "the acknowledgement at the API")
+    assert alert["acknowledged"]["note"] == "A school class <b>"
+    wait_until(lambda: len(_alerts(browser)) == 1, 5, "the open ones only")
+    Select(browser.find_element(By.ID, "inbox-state")).select_by_value("all")
+    wait_until(lambda: len(_alerts(browser)) == 2, 5, "all of them")
+    assert "A school class <b>" in _alerts(browser)[1]
+    Select(browser.find_element(By.ID, "inbox-kind")).select_by_value("exit")
+    wait_until(lambda: len(_alerts(browser)) == 1 and "left Entrance" in _alerts(browser)[0], 5, "the filter")
+    browser.find_element(By.LINK_TEXT, "Where?").click()
+    middle = "const c = document.getElementById('atrium-canvas'); return [c.clientWidth / 2, c.clientHeight / 2]"
+    there = "return window.atrium?.floor ? atrium.toScreen(10, 1.2) : null"
+    wait_until(lambda: browser.execute_script(there) == browser.execute_script(middle), 20, "the place on the map")
+
+
+def test_the_heat_map_is_drawn_and_saved_as_picture_and_numbers(
+    system: tuple[str, Double], browser: WebDriver, downloads: Path, tmp_path: Path
+) -> None:
+    url, double = system
+    _severe(browser)  # what other tests had refused
+    browser.get(f"{url}/visits")
+    canvas = wait_until(lambda: _shown(browser, "#heat-picture"), 20, "the heat map")
+    assert "stayed longest around" in str(canvas.get_attribute("aria-label"))
+    hot, striped, nobody = browser.execute_script(_HEAT_PIXELS)
+    assert sum(hot) < 300  # the darkest of the scale
+    assert striped  # cells of fewer than five are neither empty nor of the scale
+    assert nobody == [255, 255, 255]
+    asked = next(line for line in double.asked if line.startswith("GET /v1/heatmap"))
+    assert "floor=ground" in asked
+    assert "cell=0.5" in asked
+    (tmp_path / "visits.png").write_bytes(_whole_page(browser))
+    browser.find_element(By.ID, "heat-png").click()
+    assert _file(downloads, "heat-*.png").read_bytes()[:8] == PNG
+    browser.find_element(By.ID, "heat-csv").click()
+    lines = _file(downloads, "heat-*.csv").read_text().splitlines()
+    assert lines[0] == "x_m,y_m,person_seconds,people"
+    assert len(lines) == 1 + 40 * 24
+    assert any(line.endswith(",,") for line in lines)  # what is not told is told to nobody
+    for words in ("fewer than 5 people", "412", "Around the model"):
+        assert words in _text(browser)
+    Select(browser.find_element(By.ID, "visits-at")).select_by_value("exhibits")
+    wait_until(lambda: "The model" in browser.find_element(By.ID, "dwell-table").text, 10, "stays at the exhibit")
+    assert _severe(browser) == []
+
+
+def test_health_is_told_in_plain_words(system: tuple[str, Double], browser: WebDriver) -> None:
+    url, double = system
+    browser.get(f"{url}/health")
+    wait_until(lambda: "All is well." in _text(browser), 20, "the verdict")
+    double.problems = ["the gateway service is not running: phones cannot report"]
+    wait_until(lambda: "1 thing is wrong" in _text(browser), 10, "the change")
+    assert "The gateway service is not running: phones cannot report" in _text(browser)
+    double.problems = []
+
+
+def test_a_person_is_chosen_by_click_or_key_and_explained(
+    system: tuple[str, Double], browser: WebDriver, tmp_path: Path
+) -> None:
+    url, _ = system
+    browser.get(url)
+    ready = "return (window.atrium?.tracks() ?? []).length === 4"
+    wait_until(lambda: browser.execute_script(ready), 20, "people on the map")
+    canvas = browser.find_element(By.ID, "atrium-canvas")
+    device = DEVICES[0]
+    find = "return atrium.tracks().find((one) => one.device === arguments[0]).screen"
+
+    def clicked() -> str:
+        x, y = browser.execute_script(find, device)  # who walks on meanwhile is clicked again
+        _at(browser, canvas, x, y).click().perform()
+        panel = browser.find_element(By.ID, "atrium-evidence")
+        return panel.text if str(device) in panel.text else ""
+
+    wait_until(clicked, 10, "the evidence")
+    panel = browser.find_element(By.ID, "atrium-evidence")
+    wait_until(lambda: "Phone 20e4, 5 %" in panel.text, 5, "the runner-up")
+    for words in ("93 %", "7, 9", "within 0.6 m", "A camera sees this person now."):
+        assert words in panel.text
+    browser.save_screenshot(str(tmp_path / "evidence.png"))
+    canvas.send_keys(Key.ESCAPE)
+    assert not panel.is_displayed()
+    canvas.send_keys("nn")
+    wait_until(lambda: "Phone 20e4" in panel.text, 5, "the second person by keyboard")
+
+
+def test_a_zone_that_staff_drew_appears_on_the_live_map_by_itself(
+    system: tuple[str, Double], browser: WebDriver
+) -> None:
+    url, double = system
+    browser.get(url)
+    wait_until(lambda: browser.execute_script("return window.atrium?.floor === 'ground'"), 20, "the map")
+    before = browser.execute_script(_PIXEL, 18.5, 1.2)
+    corner = [(17.5, 0.4), (19.5, 0.4), (19.5, 2.0), (17.5, 2.0)]
+    double.keep(ZoneDefinition(id="corner", floor="ground", points=corner))
+    wait_until(lambda: browser.execute_script(_PIXEL, 18.5, 1.2) != before, 10, "the zone")
+    del double.zones["corner"]
+    wait_until(lambda: browser.execute_script(_PIXEL, 18.5, 1.2) == before, 10, "the zone to go")
+
+
+def test_a_visitor_who_asks_is_told_what_is_known(system: tuple[str, Double], browser: WebDriver) -> None:
+    url, double = system
+    double.raise_alert()
+    browser.get(f"{url}/privacy")
+    wait_until(lambda: _found(browser, "#privacy-device"), 20, "the form").send_keys(str(DEVICES[0]) + Key.ENTER)
+    wait_until(lambda: "Now: on floor ground" in _text(browser), 10, "the place")
+    assert "Phone 1b07 entered Entrance" in _text(browser)
+    withdrawn = browser.find_element(By.ID, "privacy-erasures").text
+    for words in ("Phone fee1", "history", "learning"):
+        assert words in withdrawn
+
+
+@pytest.mark.parametrize("path", ["/", "/alerts", "/visits", "/zones", "/health", "/privacy"])
+def test_on_a_phone_no_page_is_wider_than_the_screen(system: tuple[str, Double], browser: WebDriver, path: str) -> None:
+    size = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        browser.get(system[0] + path)
+        wait_until(lambda: _found(browser, "main"), 20, "the page")
+        wait_until(lambda: "Live map" in _text(browser), 5, "its header")
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_the_key_of_the_api_never_reaches_the_browser(system: tuple[str, Double], browser: WebDriver) -> None:
+    for path in ("/zones", "/ask/v1/zones", "/ask/v1/site"):
+        assert KEY not in httpx.get(system[0] + path).text
+
+
+_PIXEL = """
+const canvas = document.getElementById("atrium-canvas");
+const [x, y] = atrium.toScreen(...arguments).map((value) => Math.round(value * canvas.width / canvas.clientWidth) + 3);
+return canvas.getContext("2d").getImageData(x, y, 1, 1).data.join();
+"""
+_HEAT_PIXELS = """
+const canvas = document.getElementById("heat-picture");
+const context = canvas.getContext("2d");
+const { data, width, height } = context.getImageData(0, 0, canvas.width, canvas.height);
+const at = (x, y) => [...data.slice(4 * (y * width + x), 4 * (y * width + x) + 3)];
+let darkest = [255, 255, 255];
+let striped = false;
+const sum = (rgb) => rgb.reduce((a, b) => a + b, 0);
+for (let y = 0; y < height - 70; y += 2) for (let x = 0; x < width; x += 2) {
+  const rgb = at(x, y);
+  if (rgb[2] > rgb[0] && sum(rgb) < sum(darkest) && rgb[0] !== 74) darkest = rgb;
+  striped ||= rgb.join() === "244,246,248";
+}
+return [darkest, striped, at(Math.round(width * 0.1), Math.round(height * 0.5))];
+"""
+
+
+def _open_zones(url: str, browser: WebDriver) -> None:
+    browser.get("about:blank")
+    browser.get(f"{url}/zones")
+    wait_until(lambda: browser.execute_script("return Boolean(window.atriumZones?.ready)"), 20, "the plan")
+
+
+def _points(browser: WebDriver) -> list[list[float]]:
+    points: list[list[float]] = json.loads(browser.execute_script("return JSON.stringify(atriumZones.draft.points)"))
+    return points
+
+
+def _screen(browser: WebDriver, place: tuple[float, float]) -> tuple[float, float]:
+    x, y = browser.execute_script("return atriumZones.toScreen(...arguments)", *place)
+    return float(x), float(y)
+
+
+def _at(browser: WebDriver, canvas: WebElement, x: float, y: float) -> ActionChains:
+    size = canvas.size
+    chain = ActionChains(browser, duration=0)
+    return chain.move_to_element_with_offset(canvas, round(x - size["width"] / 2), round(y - size["height"] / 2))
+
+
+def _click(browser: WebDriver, *places: tuple[float, float]) -> None:
+    canvas = browser.find_element(By.ID, "zones-canvas")
+    for place in places:
+        _at(browser, canvas, *_screen(browser, place)).click().perform()
+
+
+def _drag(browser: WebDriver, start: tuple[float, float], end: tuple[float, float]) -> None:
+    canvas = browser.find_element(By.ID, "zones-canvas")
+    (x0, y0), (x1, y1) = _screen(browser, start), _screen(browser, end)
+    chain = _at(browser, canvas, x0, y0).click_and_hold()
+    chain.move_by_offset(round(x1 - x0) // 2, round(y1 - y0) // 2).perform()
+    _at(browser, canvas, x1, y1).release().perform()
+
+
+def _kept(double: Double, zone: str, what: str) -> dict[str, Any]:
+    wait_until(lambda: zone in double.zones, 5, what)
+    return double.zones[zone]
+
+
+def _file(folder: Path, pattern: str) -> Path:
+    """Return the one file of that name, once there is something in it."""
+    wait_until(lambda: [path for path in folder.glob(pattern) if path.stat().st_size], 10, pattern)
+    return next(folder.glob(pattern))
+
+
+def _found(browser: WebDriver, selector: str) -> Any:
+    return next(iter(browser.find_elements(By.CSS_SELECTOR, selector)), None)
+
+
+def _shown(browser: WebDriver, selector: str) -> Any:
+    # In one go: between two questions the page may have built it anew.
+    script = "return [...document.querySelectorAll(arguments[0])].find((one) => one.checkVisibility())"
+    return browser.execute_script(script, selector)
+
+
+def _button(browser: WebDriver, text: str) -> Any:
+    script = """
+    const says = (one) => [one.textContent.trim(), one.querySelector("strong")?.textContent].includes(arguments[0]);
+    return [...document.querySelectorAll("button")].find((one) => one.checkVisibility() && says(one));
+    """
+    return wait_until(lambda: browser.execute_script(script, text), 10, f"the button {text}")
+
+
+def _text(browser: WebDriver) -> str:
+    return str(browser.execute_script("return document.body.innerText"))
+
+
+def _alerts(browser: WebDriver) -> list[str]:
+    texts: list[str] = browser.execute_script(
+        "return [...document.querySelectorAll('#inbox-rows li')].map((row) => row.innerText.replace(/\\s+/g, ' '))"
+    )
+    return texts
+
+
+def _empty(browser: WebDriver) -> str:
+    script = "const list = document.querySelector('#inbox-rows:empty'); return list ? list.dataset.empty : ''"
+    return str(browser.execute_script(script))
+
+
+def _severe(browser: WebDriver) -> list[Any]:
+    log = browser.get_log("browser")  # type: ignore[attr-defined]
+    return [entry for entry in log if entry["level"] == "SEVERE"]
+
+
+def _whole_page(browser: WebDriver) -> bytes:
+    size = browser.execute_script(
+        "return [document.documentElement.clientWidth, document.documentElement.scrollHeight]"
+    )
+    shot = {"captureBeyondViewport": True, "clip": {"x": 0, "y": 0, "width": size[0], "height": size[1], "scale": 1}}
+    return base64.b64decode(browser.execute_cdp_cmd("Page.captureScreenshot", shot)["data"])
