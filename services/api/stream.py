@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
+import time
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 
@@ -87,10 +88,18 @@ class Reader:
         after: id of the event it has read last.
         lossless: whether it is told everything, or of state the newest only.
         keep_alive: seconds of silence after which it is told that there is nothing.
+        until: wall clock at which its key ends, and the stream with it.
     """
 
     def __init__(
-        self, log: EventLog, selection: Selection, framing: Framing, after: int, lossless: bool, keep_alive: float
+        self,
+        log: EventLog,
+        selection: Selection,
+        framing: Framing,
+        after: int,
+        lossless: bool,
+        keep_alive: float,
+        until: float = math.inf,
     ) -> None:
         self._log = log
         self._selection = selection
@@ -98,6 +107,7 @@ class Reader:
         self._after = after
         self._lossless = lossless
         self._keep_alive = keep_alive
+        self._until = until
         self._changed = asyncio.Event()
         self._closed = False
 
@@ -111,10 +121,10 @@ class Reader:
         self._changed.set()
 
     async def chunks(self) -> AsyncIterator[bytes]:
-        """Yield events as they travel, nothing (``b""``) after a silence, until closed or overtaken by the log."""
+        """Yield events as they travel, nothing (``b""``) after a silence, until closed, overtaken or its key ends."""
         loop = asyncio.get_running_loop()
         told = loop.time()
-        while not self._closed:
+        while not self._closed and time.time() < self._until:
             self._changed.clear()
             if self._log.refusal(self._after) is not None:
                 DROPPED.labels("overtaken").inc()
@@ -178,10 +188,17 @@ class Hub:
         """Whether no further reader is taken now."""
         return self._closed or len(self._readers) >= self._most
 
-    def join(self, selection: Selection, framing: Framing, after: int | None = None, lossless: bool = False) -> Reader:
-        """Return a new reader of what comes after event ``after``, None: from now on."""
+    def join(
+        self,
+        selection: Selection,
+        framing: Framing,
+        after: int | None = None,
+        lossless: bool = False,
+        until: float = math.inf,
+    ) -> Reader:
+        """Return a new reader of what comes after event ``after``, None: from now on, ``until`` its key ends."""
         behind = self.log.newest if after is None else after
-        reader = Reader(self.log, selection, framing, behind, lossless, self._keep_alive)
+        reader = Reader(self.log, selection, framing, behind, lossless, self._keep_alive, until)
         self._readers.add(reader)
         READERS.inc()
         return reader

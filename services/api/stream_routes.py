@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import msgspec
@@ -66,6 +67,8 @@ class _Asked:
     lossless: bool
     past: tuple[Entry, ...] = ()
     """Alerts from before the log begins."""
+    until: float = math.inf
+    """Wall clock at which the key ends."""
     lost: bool = False
     """Whether who comes back missed what is gone."""
 
@@ -114,6 +117,9 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
         past = await alerts.between(number, first) if "alert" in selection.events else []
         return _Asked(selection, first - 1, lossless=False, past=tuple(past or ()), lost=True)
 
+    async def held(connection: HTTPConnection, *wanted: str | None) -> _Asked:
+        return replace(await asked(connection, *wanted), until=connection.state.holder.expires)
+
     async def resumed(selection: Selection, since: str) -> _Asked:
         """Return where to go on without loss; of alerts alone also from before the log begins."""
         if since == "oldest":
@@ -132,7 +138,7 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
 
     def opened(ask: _Asked, framing: Framing) -> tuple[Reader, list[bytes]]:
         """Return a new reader, and what it is told first: the present, unless it resumes without loss."""
-        reader = hub.join(ask.selection, framing, ask.after, ask.lossless)
+        reader = hub.join(ask.selection, framing, ask.after, ask.lossless, ask.until)
         past = [framed for e in ask.past if (framed := ask.selection.framed(e, framing)) is not None]
         if ask.lossless:
             return reader, past
@@ -174,7 +180,7 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
         """
         accepts = request.headers.get("accept", "")
         lines = NDJSON.media_type in accepts and SSE.media_type not in accepts
-        return answer(await asked(request, kinds, area, zone, device, since), NDJSON if lines else SSE)
+        return answer(await held(request, kinds, area, zone, device, since), NDJSON if lines else SSE)
 
     @router.get("/events", tags=["stream"], response_class=Response, responses=_answers({NDJSON.media_type: _LINES}))
     async def events(
@@ -186,7 +192,7 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
         since: _From = None,
     ) -> Response:
         """The same as lines of JSON with id, event and data; an empty line says that there is nothing new."""
-        return answer(await asked(request, kinds, area, zone, device, since), NDJSON)
+        return answer(await held(request, kinds, area, zone, device, since), NDJSON)
 
     @router.websocket("/ws")
     async def socket(
@@ -199,7 +205,7 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
     ) -> None:
         """Send the same as text messages, one event each."""
         try:
-            ask = await asked(websocket, kinds, area, zone, device, since)
+            ask = await held(websocket, kinds, area, zone, device, since)
         except ProblemError as refused:
             await websocket.send_denial_response(problem_response(refused.problem, refused.headers))
             return

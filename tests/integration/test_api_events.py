@@ -87,6 +87,10 @@ class Lines:
     def of(self, event: str) -> list[dict[str, object]]:
         return [told["data"] for told in list(self.seen) if told["event"] == event]  # type: ignore[misc]
 
+    @property
+    def ended(self) -> bool:
+        return not self._thread.is_alive()
+
     def close(self) -> None:
         self._closing.set()
         self._thread.join(DEADLINE)
@@ -477,3 +481,13 @@ def test_a_database_that_goes_away_loses_no_alert_and_holds_up_no_stream(
         wait_until(lambda: httpx.get(url, headers=KEY, timeout=DEADLINE).status_code == 200, DEADLINE, "the alert")
         wait_until(lambda: outside.taken, DEADLINE, "the webhook")
         listening.close()
+
+
+def test_a_stream_ends_with_its_key(address: str) -> None:
+    wanted = {"name": "guide-app", "scopes": ["positions"], "expires": time.time() + 1.0}
+    key = httpx.post(f"{address}/v1/keys", headers=KEY, json=wanted).json()["key"]
+    listening = Lines(address, "/v1/events", key)
+    wait_until(lambda: listening.silences, DEADLINE, "the stream")
+    wait_until(lambda: listening.ended, DEADLINE, "its end")
+    assert time.time() >= wanted["expires"]  # type: ignore[operator]
+    assert httpx.get(f"{address}/v1/events", headers={"X-API-Key": key}).status_code == 401

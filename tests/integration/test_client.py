@@ -148,11 +148,12 @@ def test_staff_sign_in(world: tuple[str, Bus]) -> None:
             client.positions()
 
 
-def test_a_stream_that_is_lost_goes_on_after_the_last_alert(project: Path) -> None:
+def test_a_stream_that_is_lost_goes_on_after_the_last_alert(project: Path, tmp_path: Path) -> None:
     endpoint, port = f"tcp/127.0.0.1:{unused_port()}", unused_port()
     broker = router(endpoint)
     site = load_site(project / "deploy/sites/hall/site.yaml")
     told: list[str] = []
+    database = f"sqlite:///{tmp_path}/api.db"
     joined = threading.Event()
 
     def follow() -> None:
@@ -166,7 +167,7 @@ def test_a_stream_that_is_lost_goes_on_after_the_last_alert(project: Path) -> No
 
     with Bus([endpoint]) as bus:
         publisher = bus.publisher(KEYS.alert("entrance"), Alert, cached=True, history=10)
-        with running(site, project, endpoint, port):
+        with running(site, project, endpoint, port, api_database_url=database):
             reader = threading.Thread(target=follow, daemon=True)
             reader.start()
             assert joined.wait(15.0)
@@ -174,7 +175,7 @@ def test_a_stream_that_is_lost_goes_on_after_the_last_alert(project: Path) -> No
                 publisher.publish(alert(number))
                 wait_until(lambda number=number: len(told) > number, 15.0, "the alert")  # type: ignore[misc]
         publisher.publish(alert(2))
-        with running(site, project, endpoint, port):
+        with running(site, project, endpoint, port, api_database_url=database):
             with AtriumClient(f"http://127.0.0.1:{port}", "demo-api-key") as client:
                 wait_until(lambda: len(client.alerts()) == 3, 15.0, "the cached alerts")
                 assert [one.id for one in client.alerts_after("a-0")] == ["a-1", "a-2"]
