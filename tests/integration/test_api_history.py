@@ -22,7 +22,6 @@ from hypothesis.errors import Unsatisfiable
 from schemathesis.generation import GenerationMode
 from waiting import wait_until
 
-from services.api.history_places import surroundings
 from services.history.database import migrate
 from shared.bus import Bus, router
 from shared.site import Site, load_site
@@ -177,11 +176,3 @@ def test_without_history_the_answer_says_so_and_the_rest_works(
             assert answer.headers["Retry-After"] == "5"
             assert "the history service is not running" in answer.json()["detail"]
         get(address, "/v1/positions")
-
-
-def test_exhibits_are_looked_at_from_all_around_or_from_their_front() -> None:
-    around = surroundings(5.0, 5.0, 2.0, None)
-    assert all(abs(((x - 5.0) ** 2 + (y - 5.0) ** 2) ** 0.5 - 2.0) < 1e-9 for x, y in around)
-    front = surroundings(5.0, 5.0, 2.0, 90.0)
-    assert front[0] == (5.0, 5.0)
-    assert all(y > 5.9 for _, y in front[1:])
