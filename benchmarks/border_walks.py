@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from benchmarks.eth_recording import eth_recording
 from benchmarks.world_run import TRUTH_EVERY, load, record_world
-from services.geofence.crossings import Borders, Crossings
+from services.geofence.borders import Borders
+from services.geofence.crossings import Crossings
 from services.geofence.evidence import SURE
 from services.geofence.settings import GeofenceSettings
 from services.geofence.zone_index import ZoneIndex

@@ -8,7 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from services.geofence.crossings import Borders, Crossings
+from services.geofence.borders import Borders
+from services.geofence.crossings import Crossings
 from services.geofence.evidence import SURE
 from services.geofence.settings import GeofenceSettings
 from services.geofence.zone_index import ZoneIndex

@@ -1,5 +1,5 @@
-"""Who entered or left which zone: tracks and polygons in, alerts out.
+"""What zones tell: tracks and zones in; alerts and counts of people out.
 
-``crossings`` is the state machine, ``zone_index`` the geometry under it; both are pure. ``service`` wires them
-to the bus.
+``crossings`` and below is who entered, left and crossed what, ``watch`` what of it, and of those inside, is told of
+whom; all of it is pure. ``service`` wires it to the bus. docs/zones.md says what a rule means.
 """

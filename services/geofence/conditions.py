@@ -27,7 +27,8 @@ def too_near(
         place: (n, 2) metres.
         covariance: (n, 3) xx, xy, yy in m².
         limit: metres.
-        confidence: how probable it must be, taking the two as they are measured: along the line between them.
+        confidence: how probable it must be, taking the two as they are measured: along the line between them. Who
+            are known worse than the limit are near nobody.
         hazard: (n,) whether each is a hazard: then only pairs of one and somebody who is none; None: any two.
 
     Returns:
@@ -53,5 +54,6 @@ def too_near(
         + 2.0 * along[:, 0] * along[:, 1] * spread[:, 1]
         + along[:, 1] ** 2 * spread[:, 2]
     )
-    near = limit - distance >= float(ndtri(confidence)) * np.sqrt(np.maximum(variance, 0.0))
+    sigma = np.sqrt(np.maximum(variance, 0.0))
+    near = (limit - distance >= float(ndtri(confidence)) * sigma) & (sigma <= limit)
     return one[near], other[near], distance[near]

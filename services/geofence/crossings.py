@@ -7,57 +7,26 @@ Each frame: which borders are near (``zone_index``), which pairs of track and bo
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from services.geofence.area_crossings import advance_areas
+from services.geofence.borders import Borders
 from services.geofence.carried_over import carried_over
-from services.geofence.evidence import SURE
 from services.geofence.line_crossings import advance_lines
 from services.geofence.pairs import PAIR, Crossing, Frame, Pairs, ranges_of
 from services.geofence.slots import Slots
-from services.geofence.zone_index import ZoneIndex
 
-__all__ = ["Borders", "Crossing", "Crossings"]
+__all__ = ["Crossing", "Crossings"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-_NARROW = 0.5
-"""Of the half width of an area that is the margin's most: who is in the middle of a narrow one is in it."""
 _PASS_SURE = 0.7
 """Standard deviations by which the way through an area may be aside and still lead through."""
-
-
-@dataclass(frozen=True)
-class Borders:
-    """The borders of a site and how surely somebody must be beyond them.
-
-    Args:
-        index: where they are.
-        margin: metres on either side in which nothing changes.
-        min_seconds: for which somebody must surely be on the other side.
-        confidence: (borders,) how probable it must be that somebody is inside, or beyond the line; None: a half.
-    """
-
-    index: ZoneIndex
-    margin: float
-    min_seconds: float
-    confidence: Floats | None = None
-
-    def __post_init__(self) -> None:
-        margins = np.minimum(self.margin, _NARROW * self.index.half_width)
-        confidence = np.full(len(self.index), 0.5) if self.confidence is None else self.confidence
-        object.__setattr__(self, "margins", margins)
-        object.__setattr__(self, "demands", np.asarray(ndtri(confidence), float))
-
-    margins: Floats = None  # type: ignore[assignment]
-    demands: Floats = None  # type: ignore[assignment]
 
 
 _LIKELY = 0.5
@@ -144,7 +113,7 @@ class Crossings:
             np.zeros((len(x), 3)) if covariance is None else covariance,
             before["t"], before["x"], before["y"], known & (before["floor"] == floor),
         )  # fmt: skip
-        code, pairs = self._matter(frame)
+        code, pairs = self._borders.matter(frame, self._pairs["code"], len(self._slots.place))
         at = np.searchsorted(self._pairs["code"], code)
         state = np.zeros(len(code), PAIR)
         if len(self._pairs):
@@ -255,51 +224,6 @@ class Crossings:
 
     def _is_line(self, codes: Ints) -> Bools:
         return self._borders.index.is_line[codes % max(len(self._borders.index), 1)]
-
-    def _matter(self, frame: Frame) -> tuple[Ints, Pairs]:
-        """Return the pairs that may change or matter now: (m,) codes, sorted, each once, and what is known of them."""
-        borders, index, count = self._borders, self._borders.index, len(self._borders.index)
-        step = np.where(frame.known, np.hypot(frame.x - frame.before_x, frame.y - frame.before_y), 0.0)
-        row, border, depth, edge = index.nearby(frame.x, frame.y, frame.floor)
-        nx, ny = index.normals(edge)
-        xx, xy, yy = frame.covariance[row].T
-        sigma = np.sqrt(np.maximum(nx * nx * xx + 2.0 * nx * ny * xy + ny * ny * yy, 0.0))
-        sure = borders.margins[border] + SURE * sigma
-        away = np.where(index.is_line[border], np.abs(depth), -depth)
-        near = np.flatnonzero((away < np.maximum(sure, step[row])) | (away == 0.0))
-        row, border, depth, sigma = row[near], border[near], depth[near], sigma[near]
-        code = frame.slot[row] * count + border
-        # What mattered before matters still; what a long step cut does too.
-        row_of = np.full(len(self._slots.place), -1)
-        row_of[frame.slot] = np.arange(len(frame.slot))
-        held = self._pairs["code"]
-        held = held[row_of[held // max(count, 1)] >= 0] if len(held) else held
-        long = np.flatnonzero(step > index.reach)
-        if len(long):
-            which, cut = index.cut(frame.segments[long], frame.floor[long])
-            held = np.concatenate([held, frame.slot[long[which]] * count + cut])
-        codes = np.union1d(code, held)
-        place = np.searchsorted(codes, code)
-        rows, borders_of = row_of[codes // max(count, 1)], codes % max(count, 1)
-        depths, sigmas = np.full(len(codes), np.nan), frame.spread[rows]
-        depths[place], sigmas[place] = depth, sigma
-        # Beyond reach, and on another floor no less: there nothing of an area is near.
-        far = np.flatnonzero(np.isnan(depths))
-        same = index.floor[borders_of[far]] == frame.floor[rows[far]]
-        depths[far] = np.where(same, index.depth(borders_of[far], frame.x[rows[far]], frame.y[rows[far]]), -np.inf)
-        # Whoever lies inside of an area has touched it, whether a step led there or not.
-        open_question = index.is_line[borders_of] | (depths < 0.0)
-        cutting = np.flatnonzero(frame.known[rows] & (np.abs(depths) <= step[rows]) & open_question)
-        net, crossed, share = np.zeros(len(codes), np.int64), np.zeros(len(codes), np.bool_), np.ones(len(codes))
-        if len(cutting):
-            segments = frame.segments[rows[cutting]]
-            net[cutting], crossed[cutting], share[cutting] = index.crossed(borders_of[cutting], segments)
-        margin = borders.margins[borders_of]
-        pairs = Pairs(
-            rows, borders_of, depths, sigmas, margin, margin + SURE * sigmas, borders.demands[borders_of],
-            net, crossed, share,
-        )  # fmt: skip
-        return codes, pairs
 
     def _areas(
         self, some: Ints, state: NDArray[Any], new: Bools, pairs: Pairs, frame: Frame, stays: Bools

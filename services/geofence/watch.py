@@ -96,6 +96,8 @@ class Watch:
     def step(self, area: str, sighting: Sighting) -> list[Told]:
         """Advance to a newer frame of one area and return what there is to tell."""
         people = self.areas[area]
+        while self._recent and sighting.t - self._recent[0].crossing.t > RECENT:
+            self._recent.popleft()
         known = self._known_well(sighting)
         rest, well = np.flatnonzero(~known), np.flatnonzero(known)
         track, former = sighting.track, sighting.former

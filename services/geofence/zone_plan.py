@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import shapely
 
-from services.geofence.crossings import Borders
+from services.geofence.borders import Borders
 from services.geofence.evidence import SURE
 from services.geofence.zone_index import Box, ZoneIndex
 from shared.site import Site, Zone
@@ -28,6 +28,10 @@ MOST_SPREAD = 0.5
 left where they were until it surely lies on one side."""
 AROUND = 50.0
 """Metres round a floor's outline in which zones are watched."""
+FARTHEST = 1e8
+"""Metres at which a corner may lie."""
+MOST_ZONES = 10_000
+"""Watched at most: each takes some 20 kB, and a third of a millisecond whenever zones change."""
 _NEEDS_LIMIT = ("dwell", "crowd", "proximity", "speed")
 
 
@@ -102,7 +106,7 @@ class ZonePlan:
         borders: dict[tuple[str, str, float], ZoneDefinition] = {}
         rules: list[tuple[tuple[str, str, float], ZoneRule]] = []
         for zone in zones:
-            wrong = _wrong_shape(zone, floors) or ("there are two of this id" if zone.id in watched else "")
+            wrong = _wrong_shape(zone, floors) or _one_too_many(zone, watched)
             if wrong:
                 problems[zone.id] = f"not watched: {wrong}"
                 continue
@@ -182,6 +186,8 @@ def _wrong_shape(zone: ZoneDefinition, floors: Mapping[str, Box]) -> str:
         return f"the site has no floor {zone.floor!r}"
     if not all(math.isfinite(value) for point in zone.points for value in point):
         return "a corner is not a finite number"
+    if any(abs(value) > FARTHEST for point in zone.points for value in point):
+        return f"a corner is farther than {FARTHEST:.0e} m away"
     shape: shapely.LineString | shapely.Polygon
     if zone.shape == "line":
         shape = shapely.LineString(zone.points)
@@ -198,6 +204,12 @@ def _wrong_shape(zone: ZoneDefinition, floors: Mapping[str, Box]) -> str:
     if not shape.intersects(shapely.box(*floors[zone.floor])):
         return f"it lies more than {AROUND:g} m outside of floor {zone.floor!r}"
     return ""
+
+
+def _one_too_many(zone: ZoneDefinition, watched: Mapping[str, ZoneDefinition]) -> str:
+    if zone.id in watched:
+        return "there are two of this id"
+    return f"there are more than {MOST_ZONES} zones" if len(watched) >= MOST_ZONES else ""
 
 
 def _wrong_rule(rule: ZoneRule, zone: ZoneDefinition) -> str:

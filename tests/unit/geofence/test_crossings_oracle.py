@@ -6,7 +6,8 @@ from geofence_oracle import SlowArea, depth_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.geofence.crossings import Borders, Crossings
+from services.geofence.borders import Borders
+from services.geofence.crossings import Crossings
 from services.geofence.zone_index import ZoneIndex
 
 # Wide enough not to be walked through in one breath: of passes the oracle knows nothing.

@@ -102,6 +102,13 @@ def test_the_confidence_of_proximity_counts_how_well_places_are_known() -> None:
     assert kinds(sure.stand(5.0, near, sigma=0.05)) == ["proximity"]
 
 
+def test_a_phone_of_which_nobody_knows_where_it_is_is_near_nobody() -> None:
+    scene = Scene(a_watch(a_room(rule("proximity", limit=2.0, target="forklift"))))
+    scene.stand(1.0, {1: (3.0, 3.0)})
+    told = scene.stand(3.0, {1: (3.0, 3.0), 9: (3.5, 3.0)}, devices={9: "forklift"}, sigma=2.0, unseen=(9,))
+    assert told == []
+
+
 def test_speed_is_told_once_per_run() -> None:
     scene = Scene(a_watch(a_room(rule("speed", limit=2.0))))
     scene.stand(3.0, {1: IN}, velocity=(1.5, 0.0))
@@ -240,6 +247,7 @@ def test_a_rule_added_to_a_zone_tells_of_those_who_come_after() -> None:
         (ZoneDefinition(id="z", floor="ground", points=[(0, 0), (1, 1), (1, 0), (0, 1)]), "crosses"),
         (ZoneDefinition(id="z", floor="ground", points=[(0, 0), (1, 0), (2, 0)]), "crosses or touches|nothing"),
         (ZoneDefinition(id="z", floor="ground", points=[(0, 0), (float("nan"), 0), (2, 2)]), "finite"),
+        (ZoneDefinition(id="z", floor="ground", points=[(0, 0), (1e300, 0), (0, 1e300)]), "farther"),
         (ZoneDefinition(id="z", floor="ground", points=[(900, 900), (901, 900), (901, 901)]), "outside of floor"),
         (ZoneDefinition(id="z", floor="ground", shape="line", points=[(1, 1), (1, 1)]), "no length"),
         (a_room(rule("cross"), zone="z"), "no rule of an area"),

@@ -42,6 +42,9 @@ def test_frames_and_alerts_lose_the_erased_device_and_nothing_else() -> None:
     assert shown.x == frame().x
     alert = Alert(t=1.0, id="a", zone="z", kind="enter", area="hall", track=1, floor="f", x=0.0, y=0.0, device="gone")
     assert erased.from_alert(alert).device is None
+    near = Alert(t=1.0, id="b", zone="z", kind="proximity", area="hall", track=1, floor="f", x=0.0, y=0.0,
+                 device="here", other_track=2, other_device="gone")  # fmt: skip
+    assert (erased.from_alert(near).device, erased.from_alert(near).other_device) == ("here", None)
     assert "gone" in erased
     assert "here" not in erased
 
