@@ -35,7 +35,7 @@ def _page(title: str, can_sign_out: bool, name: str, content: str) -> None:
     ui.add_body_html(f'<script type="module" src="/static/{name}.js"></script>')
     ui.query(".nicegui-content").classes(replace="atrium-page setup-page")
     header(title, can_sign_out, here=name)
-    with ui.element("main"):
+    with ui.element("main").classes("setup-main"):
         ui.html(content, sanitize=False).classes("setup")
 
 

@@ -234,6 +234,19 @@ def test_an_access_point_is_dragged_where_it_hangs(system: System, browser: WebD
     assert point.position == pytest.approx((-2, 4, 3.4), abs=0.1)
 
 
+def test_on_a_phone_nothing_is_wider_than_the_screen(system: System, browser: WebDriver) -> None:
+    size = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)  # type: ignore[attr-defined]
+    for page, place, words in (
+        ("camera-setup", "setup-say", "Take a picture to begin"),
+        ("access-points", "points-say", "Drag an access point"),
+    ):
+        browser.get(f"{system.dashboard}/{page}")
+        _says(browser, words, place)
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})  # type: ignore[attr-defined]
+
+
 def test_the_browser_gets_no_picture_without_asking_and_sends_no_forms(system: System) -> None:
     form = httpx.post(f"{system.dashboard}/setup/access-points", data={"positions": "x"})
     assert form.status_code == 415

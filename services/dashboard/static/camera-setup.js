@@ -1,14 +1,10 @@
 // Camera set-up: a still, pairs of clicks (picture and plan), what comes of them at once, the area of interest, save.
 
-import { bounds, paintPlan, paintWalls } from "./painting.js";
-import { paintLens, Picker } from "./picker.js";
-import { appeared, ask, button, mark, metres, numberInput, path, shownNumber, words } from "./setup-common.js";
+import { bounds } from "./painting.js";
+import { Picker } from "./picker.js";
+import { appeared, ask, button, metres, numberInput, shownNumber } from "./setup-common.js";
+import { known, paintPicture, paintPlaces, UNIT } from "./setup-painting.js";
 
-const BLUE = "#0b5394";
-const ORANGE = "#b8500a"; // told apart by colour-blind eyes too, and by shape
-const GRID = "#ffd54a";
-const INTEREST = "#9b2fae";
-const UNIT = 50; // pixels of the picture to a unit of its viewport
 const TRY_AFTER_MS = 250;
 
 const page = await appeared([
@@ -21,7 +17,7 @@ let waiting = null;
 const image = new Picker(page["setup-image"], {
   to: ([u, v]) => [u / UNIT, -v / UNIT],
   from: (x, y) => [round(x * UNIT, 10), round(-y * UNIT, 10)],
-  paint: paintImage,
+  paint: (context, view) => paintPicture(context, view, image, state, mode() === "interest"),
   points: () => (mode() === "interest" ? state.interest : state.pairs.map((pair) => (known(pair.pixel) ? pair.pixel : null))),
   placed: (pixel) => placed("pixel", pixel),
   moved: (index, pixel) => moved(index, "pixel", pixel),
@@ -30,7 +26,7 @@ const image = new Picker(page["setup-image"], {
 const plan = new Picker(page["setup-plan"], {
   to: (place) => place,
   from: (x, y) => [round(x, 1000), round(y, 1000)],
-  paint: paintPlanSide,
+  paint: (context, view) => paintPlaces(context, view, state),
   points: () => state.pairs.map((pair) => (known(pair.place) ? pair.place : null)),
   placed: (place) => placed("place", place),
   moved: (index, place) => moved(index, "place", place),
@@ -39,11 +35,6 @@ const plan = new Picker(page["setup-plan"], {
 
 function round(value, by) {
   return Math.round(value * by) / by;
-}
-
-// Whether both coordinates are there: one may be typed before the other.
-function known(place) {
-  return place !== null && place.every(Number.isFinite);
 }
 
 function mode() {
@@ -172,90 +163,6 @@ function addRow(row, index) {
 }
 
 // --- pictures
-
-function paintImage(context, view) {
-  if (state.image === null) return;
-  const [left, top] = view.toScreen(-0.5 / UNIT, 0.5 / UNIT);
-  const scale = view.scale / UNIT;
-  context.drawImage(state.image, left, top, state.size[0] * scale, state.size[1] * scale);
-  const at = (pixel) => image.screenOf(pixel);
-  context.save();
-  context.beginPath();
-  context.rect(left, top, state.size[0] * scale, state.size[1] * scale);
-  context.clip();
-  for (const line of state.trial?.grid ?? []) {
-    const thick = Math.round(line.at / state.trial.step) % 5 === 0;
-    context.strokeStyle = GRID;
-    context.globalAlpha = thick ? 0.95 : 0.5;
-    context.lineWidth = thick ? 1.6 : 0.8;
-    for (const stretch of line.pixels) {
-      path(context, stretch.map(at));
-      context.stroke();
-      if (thick) words(context, `${line.axis} ${line.at}`, ...at(stretch[Math.floor(stretch.length / 2)]), "#4a3b00");
-    }
-    context.globalAlpha = 1;
-  }
-  if (state.interest.length > 0) {
-    path(context, state.interest.map(at));
-    context.closePath();
-    context.fillStyle = `${INTEREST}22`;
-    context.fill();
-    context.strokeStyle = INTEREST;
-    context.lineWidth = 2;
-    context.setLineDash(mode() === "interest" ? [] : [6, 4]);
-    context.stroke();
-    context.setLineDash([]);
-    if (mode() === "interest") state.interest.forEach((corner, index) => mark(context, at(corner), `${index + 1}`, { colour: INTEREST }));
-  }
-  context.restore();
-  if (mode() === "interest") return lens(context, view);
-  state.pairs.forEach((pair, index) => {
-    if (!known(pair.pixel)) return;
-    const wrong = pair.report?.used === false;
-    if (pair.report?.shown) {
-      context.strokeStyle = wrong ? ORANGE : BLUE;
-      context.lineWidth = 2;
-      path(context, [at(pair.pixel), at(pair.report.shown)]);
-      context.stroke();
-    }
-    mark(context, at(pair.pixel), `${index + 1}`, { colour: wrong ? ORANGE : BLUE, wrong, chosen: !known(pair.place) });
-  });
-  lens(context, view);
-}
-
-function lens(context, view) {
-  const place = image.cross ?? image.pointer;
-  if (place) paintLens(context, state.image, image.placeAt(...place), place, view, view.scale / UNIT);
-}
-
-function paintPlanSide(context, view) {
-  if (state.floor === null) return;
-  paintPlan(context, view, state.floor);
-  paintWalls(context, view, state.floor);
-  if (state.trial !== null && state.trial.footprint.length > 2) {
-    path(context, state.trial.footprint.map((place) => view.toScreen(...place)));
-    context.closePath();
-    context.fillStyle = "#b27a1e18";
-    context.fill();
-    context.strokeStyle = "#b27a1e";
-    context.lineWidth = 1;
-    context.stroke();
-    const [x, y] = view.toScreen(state.trial.position[0], state.trial.position[1]);
-    mark(context, [x, y], state.camera, { colour: "#8a5d12" });
-  }
-  state.pairs.forEach((pair, index) => {
-    if (!known(pair.place)) return;
-    const wrong = pair.report?.used === false;
-    const at = view.toScreen(...pair.place);
-    if (pair.report?.seen) {
-      context.strokeStyle = wrong ? ORANGE : BLUE;
-      context.lineWidth = 2;
-      path(context, [at, view.toScreen(...pair.report.seen)]);
-      context.stroke();
-    }
-    mark(context, at, `${index + 1}`, { colour: wrong ? ORANGE : BLUE, wrong, chosen: !known(pair.pixel) });
-  });
-}
 
 async function show(blob) {
   state.image = await createImageBitmap(blob);
