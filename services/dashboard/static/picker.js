@@ -119,7 +119,9 @@ export class Picker {
       const pointer = this.#pointers.get(event.pointerId);
       this.#pointers.delete(event.pointerId);
       if (pointer === undefined) return;
+      // A click beside a point sets no second one: that is how one is missed by a hair.
       if (!this.#wandered && this.#grabbed === null) this.what.placed(this.placeAt(event.offsetX, event.offsetY));
+      else if (!this.#wandered) this.what.told?.(this.what.points()[this.#grabbed]);
       this.#grabbed = null;
       this.redraw();
     });

@@ -37,3 +37,11 @@ def test_the_other_examples_are_yaml() -> None:
 def test_every_key_is_in_the_reference(part: type[BaseModel]) -> None:
     for name in part.model_fields:
         assert re.search(rf"`[\w.\[\]]*\b{name}\b[^`\n]*`|`\.{name}`", DOCS), name
+
+
+def test_the_newcomers_site_of_the_camera_set_up_loads(tmp_path: Path) -> None:
+    page = (Path(__file__).resolve().parents[3] / "docs" / "camera-setup.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```yaml\n(.*?)```", page, re.S)
+    file = tmp_path / "site.yaml"
+    file.write_text(example, encoding="utf-8")
+    assert load_site(file).camera("door").geometry.kind == "pose"
