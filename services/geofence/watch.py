@@ -121,7 +121,9 @@ class Watch:
     def empty(self, area: str, t: float) -> list[Told]:
         """Let everybody leave an area at ``t``: it is silent, or its time begins anew."""
         people = self.areas[area]
-        return [one for crossing in people.crossings.close(t) for one in self._take(area, crossing)]
+        told = [one for crossing in people.crossings.close(t) for one in self._take(area, crossing)]
+        people.newest, people.who = None, np.empty(0, np.int64)
+        return told
 
     def begin_anew(self, area: str) -> list[Told]:
         """Forget an area whose time ran back: another pass of a recording begins."""
@@ -184,13 +186,50 @@ class Watch:
         return told
 
     def counts(self) -> dict[str, tuple[int, int]]:
-        """Return how many people cameras see in each zone that is an area, and how many known devices are in it."""
+        """Return how many people cameras see in each zone that is an area, and how many known devices are in it.
+
+        People count where their positions are now: borders that wait and hold on, as alerts need them, would count
+        those who are just outside. Where no frame came yet, who is inside by the saved state counts.
+        """
+        number = {border: zone for zone, border in self.plan.counted.items()}
+        people = dict.fromkeys(self.plan.counted, 0)
+        for name, area in self.areas.items():
+            if area.newest is not None:
+                for border in self._inside_now(name).tolist():
+                    if border in number:
+                        people[number[border]] += 1
         counted = {}
         for zone, border in self.plan.counted.items():
             visits = self._visits.at(border)
             devices = {device for visit in visits if (device := self._device(visit)) is not None}
-            counted[zone] = (sum(self._seen(visit) for visit in visits), len(devices))
+            unheard = [visit for visit in visits if all(self.areas[area].newest is None for area, _ in visit.seats)]
+            counted[zone] = (people[zone] + sum(self._seen(visit) for visit in unheard), len(devices))
         return counted
+
+    def _inside_now(self, name: str) -> Ints:
+        """Return the borders in which somebody stands whom this area sees, and no area before it, once for each."""
+        frame, who = self.areas[name].newest, self.areas[name].who
+        if frame is None:
+            return np.empty(0, np.int64)
+        rows = np.flatnonzero(frame.seen)
+        row, border, depth, _ = self.plan.borders.index.nearby(frame.x[rows], frame.y[rows], frame.floor[rows])
+        inside = np.flatnonzero((depth >= 0.0) & ~self.plan.borders.index.is_line[border])
+        row, border = row[inside], border[inside]
+        if len(self.areas) > 1:
+            order = list(self.areas)
+            before = {other: self.areas[other] for other in order[: order.index(name) + 1]}
+            twins = {
+                one
+                for one in set(who[rows[row]].tolist())
+                if (twin := twin_of((name, one), before, self._grace)) is not None and self._reported(twin)
+            }
+            alone = np.array([one not in twins for one in who[rows[row]].tolist()], np.bool_)
+            border = border[alone]
+        return border
+
+    def _reported(self, person: Person) -> bool:
+        """Whether the newest frame of an area reports a person."""
+        return bool((self.areas[person[0]].who == person[1]).any())
 
     # -- across restarts ---------------------------------------------------------------------------------------------
 

@@ -138,6 +138,7 @@ def test_silence_empties_the_zones_and_is_told(site: Site, project: Path, zenoh_
         walk_until(bus, 100.0, 10.0, 1.2, inbox, known, 1)
         wait_until(lambda: len(alerts(inbox, known)) == 2, DEADLINE, "the exit of whom nobody tracks any more")
         assert known[1].kind == "exit"
+        assert service._watch.counts()["entrance"] == (0, 0)
         assert "everybody counts as gone" in service.health.problems()["tracks of hall"]
 
 
