@@ -11,13 +11,12 @@ import pytest
 from api_double import DEVICES, KEY, Double
 from browser import open_browser
 from dashboard_process import dashboard
-from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys as Key
 from selenium.webdriver.remote.webdriver import WebDriver
-from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.select import Select
 from waiting import wait_until
+from zone_drawing import button, click_plan, move_to, on_screen, open_zones
 
 from shared.zones import ZoneDefinition
 
@@ -49,9 +48,9 @@ def test_an_area_is_drawn_given_a_rule_and_saved(
     system: tuple[str, Double], browser: WebDriver, tmp_path: Path
 ) -> None:
     url, double = system
-    _open_zones(url, browser)
-    _button(browser, "New area").click()
-    _click(browser, (14.02, 8.98), (17.0, 9.0), (17.0, 6.0), (14.0, 6.0), (14.0, 9.0))
+    open_zones(url, browser)
+    button(browser, "New area").click()
+    click_plan(browser, (14.02, 8.98), (17.0, 9.0), (17.0, 6.0), (14.0, 6.0), (14.0, 9.0))
     name = wait_until(lambda: _found(browser, "#zone-name"), 5, "the form")
     name.send_keys("Café corner")
     Select(browser.find_element(By.ID, "rule-0-kind")).select_by_visible_text("Too many people are inside")
@@ -59,7 +58,7 @@ def test_an_area_is_drawn_given_a_rule_and_saved(
     limit.clear()
     limit.send_keys("25")
     browser.save_screenshot(str(tmp_path / "drawn.png"))
-    _button(browser, "Save").click()
+    button(browser, "Save").click()
     kept = _kept(double, "cafe-corner", "the zone at the API")
     assert kept["points"] == [(14.0, 9.0), (17.0, 9.0), (17.0, 6.0), (14.0, 6.0)]  # on the grid, corners closed
     assert [(rule["kind"], rule["limit"]) for rule in kept["rules"]] == [("crowd", 25.0)]
@@ -69,8 +68,8 @@ def test_an_area_is_drawn_given_a_rule_and_saved(
 
 def test_corners_are_dragged_inserted_deleted_and_undone(system: tuple[str, Double], browser: WebDriver) -> None:
     url, double = system
-    _open_zones(url, browser)
-    _button(browser, "Entrance").click()
+    open_zones(url, browser)
+    button(browser, "Entrance").click()
     _drag(browser, (7.0, 2.5), (6.0, 3.0))
     assert _points(browser)[3] == [6.0, 3.0]
     _drag(browser, (10.0, 0.0), (10.0, 1.0))
@@ -81,16 +80,16 @@ def test_corners_are_dragged_inserted_deleted_and_undone(system: tuple[str, Doub
     for _ in range(3):
         canvas.send_keys(Key.CONTROL + "z")
     assert _points(browser) == [[7, 0], [13, 0], [13, 2.5], [7, 2.5]]
-    assert not _button(browser, "Save").is_enabled()
+    assert not button(browser, "Save").is_enabled()
     canvas.send_keys(Key.CONTROL + "y")
-    _button(browser, "Save").click()
+    button(browser, "Save").click()
     wait_until(lambda: double.zones["entrance"]["points"][3] == (6.0, 3.0), 5, "the moved corner at the API")
 
 
 def test_a_line_is_drawn_by_keyboard_alone(system: tuple[str, Double], browser: WebDriver) -> None:
     url, double = system
-    _open_zones(url, browser)
-    _button(browser, "New line").send_keys(Key.ENTER)
+    open_zones(url, browser)
+    button(browser, "New line").send_keys(Key.ENTER)
     canvas = browser.switch_to.active_element
     assert canvas.get_attribute("id") == "zones-canvas"
     keys = (Key.SHIFT + Key.ARROW_LEFT, Key.NULL + Key.ENTER, Key.SHIFT + 2 * Key.ARROW_RIGHT, Key.NULL + Key.ENTER)
@@ -99,7 +98,7 @@ def test_a_line_is_drawn_by_keyboard_alone(system: tuple[str, Double], browser: 
     wait_until(lambda: browser.switch_to.active_element.get_attribute("id") == "zone-name", 5, "the form in focus")
     browser.switch_to.active_element.send_keys("Door")
     Select(browser.find_element(By.ID, "rule-0-direction")).select_by_visible_text("Forward, as the arrow points")
-    _button(browser, "Save").send_keys(Key.ENTER)
+    button(browser, "Save").send_keys(Key.ENTER)
     kept = _kept(double, "door", "the line at the API")
     (x0, y0), (x1, y1) = kept["points"]
     assert (kept["shape"], round(x1 - x0, 3), y0 == y1) == ("line", 2.0, True)
@@ -110,18 +109,18 @@ def test_what_the_api_refuses_is_told_beside_the_field_and_nothing_is_lost(
     system: tuple[str, Double], browser: WebDriver
 ) -> None:
     url, double = system
-    _open_zones(url, browser)
-    _button(browser, "Around the model").click()
-    _button(browser, "Add a rule").click()
+    open_zones(url, browser)
+    button(browser, "Around the model").click()
+    button(browser, "Add a rule").click()
     double.refuse = {"status": 422, "title": "Invalid", "detail": "kind: not here", "field": "rules[0].kind"}
-    _button(browser, "Save").click()
+    button(browser, "Save").click()
     problem = wait_until(lambda: _shown(browser, "[data-for='rules[0].kind']"), 5, "the problem at the rule")
     assert problem.text == "Kind: not here."
     assert browser.find_element(By.ID, "rule-0-kind").get_attribute("aria-invalid") == "true"
     double.refuse = {"status": 503, "title": "Away", "detail": "the database is away"}
-    _button(browser, "Save").click()
+    button(browser, "Save").click()
     wait_until(lambda: "The database is away." in _text(browser), 5, "a problem of no field")
-    _button(browser, "Save").click()
+    button(browser, "Save").click()
     wait_until(lambda: len(double.zones["model-corner"]["rules"]) == 1, 5, "the rule at the API")
 
 
@@ -129,27 +128,27 @@ def test_a_limit_that_means_nothing_is_told_before_anything_is_sent(
     system: tuple[str, Double], browser: WebDriver
 ) -> None:
     url, double = system
-    _open_zones(url, browser)
-    _button(browser, "Around the model").click()
-    _button(browser, "Add a rule").click()
+    open_zones(url, browser)
+    button(browser, "Around the model").click()
+    button(browser, "Add a rule").click()
     number = len(browser.find_elements(By.CSS_SELECTOR, ".rule")) - 1
     Select(browser.find_element(By.ID, f"rule-{number}-kind")).select_by_value("speed")
     browser.find_element(By.ID, f"rule-{number}-limit").clear()
     before = [line for line in double.asked if line.startswith("PUT")]
-    _button(browser, "Save").click()
+    button(browser, "Save").click()
     wait_until(lambda: _shown(browser, f"[data-for='rules[{number}].limit']"), 5, "the problem at the limit")
     assert [line for line in double.asked if line.startswith("PUT")] == before
-    _button(browser, "Discard changes").click()
+    button(browser, "Discard changes").click()
 
 
 def test_a_crossed_outline_cannot_be_saved(system: tuple[str, Double], browser: WebDriver) -> None:
     url, _ = system
-    _open_zones(url, browser)
-    _button(browser, "Around the model").click()
+    open_zones(url, browser)
+    button(browser, "Around the model").click()
     _drag(browser, (7.5, 6.0), (13.0, 8.0))
     wait_until(lambda: "The outline crosses itself" in _text(browser), 5, "the words")
-    assert not _button(browser, "Save").is_enabled()
-    _button(browser, "Discard changes").click()
+    assert not button(browser, "Save").is_enabled()
+    button(browser, "Discard changes").click()
 
 
 def test_an_alert_arrives_by_itself_and_is_acknowledged_once(
@@ -161,7 +160,7 @@ def test_an_alert_arrives_by_itself_and_is_acknowledged_once(
     alert = double.raise_alert(kind="crowd", value=23.0, limit=20.0, device=None)
     wait_until(lambda: len(_alerts(browser)) == 1, 10, "the alert")
     assert "23 people in Entrance, allowed: 20" in _alerts(browser)[0]
-    _button(browser, "Acknowledge").send_keys(Key.ENTER)
+    button(browser, "Acknowledge").send_keys(Key.ENTER)
     browser.switch_to.active_element.send_keys("A school class <b>")
     double.raise_alert(kind="exit")
     wait_until(lambda: len(_alerts(browser)) == 2, 10, "another alert while somebody writes")
@@ -235,7 +234,7 @@ def test_a_person_is_chosen_by_click_or_key_and_explained(
 
     def clicked() -> str:
         x, y = browser.execute_script(find, device)  # who walks on meanwhile is clicked again
-        _at(browser, canvas, x, y).click().perform()
+        move_to(browser, canvas, x, y).click().perform()
         panel = browser.find_element(By.ID, "atrium-evidence")
         return panel.text if str(device) in panel.text else ""
 
@@ -317,40 +316,17 @@ return [darkest, striped, at(Math.round(width * 0.1), Math.round(height * 0.5))]
 """
 
 
-def _open_zones(url: str, browser: WebDriver) -> None:
-    browser.get("about:blank")
-    browser.get(f"{url}/zones")
-    wait_until(lambda: browser.execute_script("return Boolean(window.atriumZones?.ready)"), 20, "the plan")
-
-
 def _points(browser: WebDriver) -> list[list[float]]:
     points: list[list[float]] = json.loads(browser.execute_script("return JSON.stringify(atriumZones.draft.points)"))
     return points
 
 
-def _screen(browser: WebDriver, place: tuple[float, float]) -> tuple[float, float]:
-    x, y = browser.execute_script("return atriumZones.toScreen(...arguments)", *place)
-    return float(x), float(y)
-
-
-def _at(browser: WebDriver, canvas: WebElement, x: float, y: float) -> ActionChains:
-    size = canvas.size
-    chain = ActionChains(browser, duration=0)
-    return chain.move_to_element_with_offset(canvas, round(x - size["width"] / 2), round(y - size["height"] / 2))
-
-
-def _click(browser: WebDriver, *places: tuple[float, float]) -> None:
-    canvas = browser.find_element(By.ID, "zones-canvas")
-    for place in places:
-        _at(browser, canvas, *_screen(browser, place)).click().perform()
-
-
 def _drag(browser: WebDriver, start: tuple[float, float], end: tuple[float, float]) -> None:
     canvas = browser.find_element(By.ID, "zones-canvas")
-    (x0, y0), (x1, y1) = _screen(browser, start), _screen(browser, end)
-    chain = _at(browser, canvas, x0, y0).click_and_hold()
+    (x0, y0), (x1, y1) = on_screen(browser, start), on_screen(browser, end)
+    chain = move_to(browser, canvas, x0, y0).click_and_hold()
     chain.move_by_offset(round(x1 - x0) // 2, round(y1 - y0) // 2).perform()
-    _at(browser, canvas, x1, y1).release().perform()
+    move_to(browser, canvas, x1, y1).release().perform()
 
 
 def _kept(double: Double, zone: str, what: str) -> dict[str, Any]:
@@ -372,14 +348,6 @@ def _shown(browser: WebDriver, selector: str) -> Any:
     # In one go: between two questions the page may have built it anew.
     script = "return [...document.querySelectorAll(arguments[0])].find((one) => one.checkVisibility())"
     return browser.execute_script(script, selector)
-
-
-def _button(browser: WebDriver, text: str) -> Any:
-    script = """
-    const says = (one) => [one.textContent.trim(), one.querySelector("strong")?.textContent].includes(arguments[0]);
-    return [...document.querySelectorAll("button")].find((one) => one.checkVisibility() && says(one));
-    """
-    return wait_until(lambda: browser.execute_script(script, text), 10, f"the button {text}")
 
 
 def _text(browser: WebDriver) -> str:

@@ -6,15 +6,21 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import httpx
 import pytest
 from browser import open_browser
 from waiting import wait_until
+from zone_drawing import button, click_plan, open_zones
+
+from services.api.alerts.signature import signed_headers
 
 pytestmark = pytest.mark.alone
 
@@ -35,7 +41,12 @@ class RunningDemo:
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningDemo]:
     folder = tmp_path_factory.mktemp("demo")
     command = [sys.executable, "-m", "services.cli", "demo", "--site", "hall", "--free-ports", "--record", "hall.mcap"]
-    environment = {**os.environ, "COLUMNS": "200", "PYTHONUNBUFFERED": "1"}
+    environment = {
+        **os.environ,
+        "COLUMNS": "200",
+        "PYTHONUNBUFFERED": "1",
+        "ATRIUM_WEBHOOK_NETWORKS": '["127.0.0.0/8"]',
+    }
     process = subprocess.Popen(
         command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
@@ -54,6 +65,27 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningDemo]:
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
         process.wait(20)
+
+
+@contextmanager
+def receiver() -> Iterator[tuple[str, list[tuple[dict[str, str], bytes]]]]:
+    """Whoever is sent alerts: its URL, and what it has taken."""
+    taken: list[tuple[dict[str, str], bytes]] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            body = self.rfile.read(int(self.headers["Content-Length"]))
+            taken.append(({name.lower(): value for name, value in self.headers.items()}, body))
+            self.send_response(204)
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/alerts", taken
+        server.shutdown()
 
 
 def test_people_move_on_the_map_in_a_real_browser(demo: RunningDemo, tmp_path: Path) -> None:
@@ -86,6 +118,44 @@ def test_phones_get_located_and_zones_tell(demo: RunningDemo) -> None:
     alerts = wait_until(lambda: demo.api("/v1/alerts")["alerts"], 90, "somebody to enter or leave a zone")
     assert alerts[0]["kind"] in ("enter", "exit")
     assert alerts[0]["zone"] in ("entrance", "model-corner")
+
+
+def test_whoever_crosses_a_line_that_staff_draw_is_told_to_the_inbox_and_the_webhook(
+    demo: RunningDemo, tmp_path: Path
+) -> None:
+    with receiver() as (url, taken), open_browser(tmp_path) as browser:
+        made = httpx.post(
+            f"{demo.urls['API']}/v1/webhooks", json={"url": url, "name": "Guard", "kinds": ["cross"]}, headers=KEY
+        )
+        assert made.status_code == 201, made.text
+        open_zones(demo.urls["live map"], browser)
+        button(browser, "New line").click()
+        click_plan(browser, (10.0, 1.0), (10.0, 11.0))
+        browser.switch_to.active_element.send_keys("Half way")
+        button(browser, "Save").click()
+        wait_until(
+            lambda: [z for z in demo.api("/v1/zones")["zones"] if z["id"] == "half-way"], 10, "the line at the API"
+        )
+        headers, body = wait_until(lambda: taken and taken[0], 90, "the webhook")
+        alert = json.loads(body)["alert"]
+        assert (alert["zone"], alert["kind"]) == ("half-way", "cross")
+        assert abs(alert["x"] - 10.0) < 0.5
+        assert alert["direction"] in ("forward", "backward")
+        again = signed_headers(made.json()["secret"], headers["webhook-id"], int(headers["webhook-timestamp"]), body)
+        assert headers["webhook-signature"] == again["webhook-signature"]
+        assert alert["id"] in {one["id"] for one in demo.api("/v1/alerts?zone=half-way")["alerts"]}
+        browser.get(f"{demo.urls['live map']}/alerts")
+        wait_until(lambda: "Half way" in browser.find_element("tag name", "main").text, 20, "the alert in the inbox")
+        browser.save_screenshot(str(tmp_path / "inbox.png"))
+
+
+def test_what_happened_can_be_asked_for(demo: RunningDemo) -> None:
+    def walked() -> list[dict]:
+        device = demo.api("/v1/positions")["positions"][0]["device"]
+        path = f"/v1/trajectories/{device}?since={time.time() - 300.0}&until={time.time()}"
+        return demo.api(path)["t"]
+
+    assert len(wait_until(walked, 90, "the path of a phone")) > 1
 
 
 def test_a_phone_enrols_posts_and_reads_only_its_own_position(demo: RunningDemo) -> None:
