@@ -25,8 +25,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-_PASS_SURE = 0.7
-"""Standard deviations by which the way through an area may be aside and still lead through."""
+_PASS_SURE, _PASS_NARROW = 2.5, 0.7
+"""Standard deviations by which the way through an area may be aside and still lead through; of areas narrower than
+these are long the lesser: who walks through a wide one deep inside is told by evidence."""
 
 
 _LIKELY = 0.5
@@ -280,7 +281,9 @@ class Crossings:
         """Return enter and exit if the way from where the track was last surely outside to here leads through."""
         t, x, y = here
         t0, x0, y0 = float(pair["anchor_t"]), float(pair["anchor_x"]), float(pair["anchor_y"])
-        shares = self._borders.index.chord(border, np.array([[x0, y0], [x, y]]), _PASS_SURE * spread)
+        index = self._borders.index
+        aside = (_PASS_SURE if index.half_width[border] > spread else _PASS_NARROW) * spread
+        shares = index.chord(border, np.array([[x0, y0], [x, y]]), aside)
         if shares is None:
             return []
         track, who = person
