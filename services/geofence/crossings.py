@@ -131,6 +131,7 @@ class Crossings:
         happened += self._lines(np.flatnonzero(is_line), state, new, pairs, frame, stays)
         self._remember(slot, state[stays])
         place["t"][slot], place["x"][slot], place["y"][slot], place["floor"][slot] = t, x, y, floor
+        place["spread"][slot] = frame.spread
         happened += self._vanish(t, self._grace)
         happened.sort(key=lambda crossing: (crossing.t, crossing.kind))
         return happened
@@ -180,7 +181,7 @@ class Crossings:
         track_of = {one: number for number, one in slots.by_id().items()}
         for code in left.tolist():
             one, border = divmod(code, len(old))
-            t0, x, y, _, who = place[one].tolist()
+            t0, x, y, _, who, _ = place[one].tolist()
             happened.append(Crossing("exit", border, track_of[one], who, max(t, t0), x, y))
         elsewhere = place["floor"][slot] < 0
         place["floor"][slot] = np.where(elsewhere, place["floor"][slot], floor)
@@ -366,7 +367,7 @@ class Crossings:
             outside = behind and (
                 pair["away"] >= _LIKELY or -self._depth(border, x, y) <= self._borders.margins[border]
             )
-            return self._passed(border, pair, (track, who), (seen, x, y), 0.0) if outside else []
+            return self._passed(border, pair, (track, who), (seen, x, y), float(place["spread"])) if outside else []
         if pair["evidence"] < _LIKELY or int(pair["net"]) * int(pair["side"]) <= 0:
             return []
         direction: Literal["forward", "backward"] = "forward" if pair["side"] > 0 else "backward"
