@@ -262,12 +262,13 @@ class Crossings:
         fresh = np.flatnonzero(new[some] & frame.known[of.row])
         rows = of.row[fresh]
         before[fresh] = self._borders.index.depth(of.border[fresh], frame.before_x[rows], frame.before_y[rows])
-        forward, backward, stay = advance_lines(mine, new[some], of, frame, self._borders.min_seconds, before)
+        forward, backward, doubtful, stay = advance_lines(mine, new[some], of, frame, self._borders.min_seconds, before)
         # On another floor a line is nowhere.
         stays[some] = stay & np.isfinite(of.depth)
         state[some] = mine
         happened = []
-        for place in [*forward.tolist(), *backward.tolist()]:
+        through = [place for place in doubtful.tolist() if self._went_through(mine[place], of, place, frame)]
+        for place in [*forward.tolist(), *backward.tolist(), *through]:
             row = int(of.row[place])
             t, x, y = (float(mine[name][place]) for name in ("t", "x", "y"))
             # Those who crossed are on the other side by now: on the right after a crossing forward.
@@ -275,6 +276,24 @@ class Crossings:
             person = int(frame.track[row]), int(frame.who[row])
             happened.append(Crossing("cross", int(of.border[place]), *person, t, x, y, direction))
         return happened
+
+    def _went_through(self, pair: Any, pairs: Pairs, place: int, frame: Frame) -> bool:
+        """Whether the straight way to here cuts the line, also where it is shifted to either side; says where."""
+        row, border = int(pairs.row[place]), int(pairs.border[place])
+        start = np.array([pair["anchor_x"], pair["anchor_y"]])
+        end = np.array([frame.x[row], frame.y[row]])
+        along = end - start
+        length = float(np.hypot(*along))
+        if length <= 0.0:
+            return False
+        aside = np.array([-along[1], along[0]]) / length * float(frame.spread[row])
+        ways = np.array([[start + shift, end + shift] for shift in (0.0 * aside, aside, -aside)])
+        net, _, share = self._borders.index.crossed(np.full(3, border), ways)
+        if not (net == -int(pair["side"])).all():
+            return False
+        pair["t"] = pair["anchor_t"] + float(share[0]) * (frame.t - pair["anchor_t"])
+        pair["x"], pair["y"] = (start + float(share[0]) * along).tolist()
+        return True
 
     def _passed(
         self, border: int, pair: Any, person: tuple[int, int], here: tuple[float, float, float], spread: float
