@@ -25,8 +25,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-_PASS_SURE = 0.7
-"""Standard deviations by which the way through an area may be aside and still lead through."""
+_PASS_SURE, _PASS_NARROW = 2.5, 0.7
+"""Standard deviations by which the way through an area may be aside and still lead through; of areas narrower than
+these are long the lesser: who walks through a wide one deep inside is told by evidence."""
 
 
 _LIKELY = 0.5
@@ -130,6 +131,7 @@ class Crossings:
         happened += self._lines(np.flatnonzero(is_line), state, new, pairs, frame, stays)
         self._remember(slot, state[stays])
         place["t"][slot], place["x"][slot], place["y"][slot], place["floor"][slot] = t, x, y, floor
+        place["spread"][slot] = frame.spread
         happened += self._vanish(t, self._grace)
         happened.sort(key=lambda crossing: (crossing.t, crossing.kind))
         return happened
@@ -179,7 +181,7 @@ class Crossings:
         track_of = {one: number for number, one in slots.by_id().items()}
         for code in left.tolist():
             one, border = divmod(code, len(old))
-            t0, x, y, _, who = place[one].tolist()
+            t0, x, y, _, who, _ = place[one].tolist()
             happened.append(Crossing("exit", border, track_of[one], who, max(t, t0), x, y))
         elsewhere = place["floor"][slot] < 0
         place["floor"][slot] = np.where(elsewhere, place["floor"][slot], floor)
@@ -260,12 +262,13 @@ class Crossings:
         fresh = np.flatnonzero(new[some] & frame.known[of.row])
         rows = of.row[fresh]
         before[fresh] = self._borders.index.depth(of.border[fresh], frame.before_x[rows], frame.before_y[rows])
-        forward, backward, stay = advance_lines(mine, new[some], of, frame, self._borders.min_seconds, before)
+        forward, backward, doubtful, stay = advance_lines(mine, new[some], of, frame, self._borders.min_seconds, before)
         # On another floor a line is nowhere.
         stays[some] = stay & np.isfinite(of.depth)
         state[some] = mine
         happened = []
-        for place in [*forward.tolist(), *backward.tolist()]:
+        through = [place for place in doubtful.tolist() if self._went_through(mine[place], of, place, frame)]
+        for place in [*forward.tolist(), *backward.tolist(), *through]:
             row = int(of.row[place])
             t, x, y = (float(mine[name][place]) for name in ("t", "x", "y"))
             # Those who crossed are on the other side by now: on the right after a crossing forward.
@@ -274,13 +277,33 @@ class Crossings:
             happened.append(Crossing("cross", int(of.border[place]), *person, t, x, y, direction))
         return happened
 
+    def _went_through(self, pair: Any, pairs: Pairs, place: int, frame: Frame) -> bool:
+        """Whether the straight way to here cuts the line, also where it is shifted to either side; says where."""
+        row, border = int(pairs.row[place]), int(pairs.border[place])
+        start = np.array([pair["anchor_x"], pair["anchor_y"]])
+        end = np.array([frame.x[row], frame.y[row]])
+        along = end - start
+        length = float(np.hypot(*along))
+        if length <= 0.0:
+            return False
+        aside = np.array([-along[1], along[0]]) / length * float(frame.spread[row])
+        ways = np.array([[start + shift, end + shift] for shift in (0.0 * aside, aside, -aside)])
+        net, _, share = self._borders.index.crossed(np.full(3, border), ways)
+        if not (net == -int(pair["side"])).all():
+            return False
+        pair["t"] = pair["anchor_t"] + float(share[0]) * (frame.t - pair["anchor_t"])
+        pair["x"], pair["y"] = (start + float(share[0]) * along).tolist()
+        return True
+
     def _passed(
         self, border: int, pair: Any, person: tuple[int, int], here: tuple[float, float, float], spread: float
     ) -> list[Crossing]:
         """Return enter and exit if the way from where the track was last surely outside to here leads through."""
         t, x, y = here
         t0, x0, y0 = float(pair["anchor_t"]), float(pair["anchor_x"]), float(pair["anchor_y"])
-        shares = self._borders.index.chord(border, np.array([[x0, y0], [x, y]]), _PASS_SURE * spread)
+        index = self._borders.index
+        aside = (_PASS_SURE if index.half_width[border] > spread else _PASS_NARROW) * spread
+        shares = index.chord(border, np.array([[x0, y0], [x, y]]), aside)
         if shares is None:
             return []
         track, who = person
@@ -363,7 +386,7 @@ class Crossings:
             outside = behind and (
                 pair["away"] >= _LIKELY or -self._depth(border, x, y) <= self._borders.margins[border]
             )
-            return self._passed(border, pair, (track, who), (seen, x, y), 0.0) if outside else []
+            return self._passed(border, pair, (track, who), (seen, x, y), float(place["spread"])) if outside else []
         if pair["evidence"] < _LIKELY or int(pair["net"]) * int(pair["side"]) <= 0:
             return []
         direction: Literal["forward", "backward"] = "forward" if pair["side"] > 0 else "backward"

@@ -29,7 +29,7 @@ PATIENCE = 1.5
 
 def advance_lines(
     state: NDArray[Any], new: Bools, pairs: Pairs, frame: Frame, min_seconds: float, depth_before: Floats
-) -> tuple[Ints, Ints, Bools]:
+) -> tuple[Ints, Ints, Ints, Bools]:
     """Advance (m,) pairs of tracks and lines to the frame, in place.
 
     Args:
@@ -43,11 +43,17 @@ def advance_lines(
     Returns:
         forward: places among the pairs that crossed from left to right.
         backward: and from right to left.
+        doubtful: on the other side by steps that seem to go round the line; near its ends the way from ``anchor``,
+            where the track was last surely on this side, tells it better.
         stays: (m,) whether the pair must be remembered.
     """
     row = pairs.row
     # Who is seen first beside a line, or is new there, is on no side yet.
     state["side"][new] = np.where(np.isfinite(depth_before), np.where(depth_before >= 0.0, 1, -1), 0)[new]
+    known = frame.known[row]
+    state["anchor_t"][new] = np.where(known, frame.before_t[row], frame.t)[new]
+    state["anchor_x"][new] = np.where(known, frame.before_x[row], frame.x[row])[new]
+    state["anchor_y"][new] = np.where(known, frame.before_y[row], frame.y[row])[new]
     cut = pairs.crossed
     share = pairs.share
     before_t, before_x, before_y = frame.before_t[row], frame.before_x[row], frame.before_y[row]
@@ -67,6 +73,7 @@ def advance_lines(
     told = turns & (state["net"] * side > 0.0)
     forward, backward = np.flatnonzero(told & (side > 0.0)), np.flatnonzero(told & (side < 0.0))
     nowhere = side == 0.0
+    doubtful = np.flatnonzero(turns & ~told & ~nowhere)
     right = (-pairs.depth - margin) / sigma - pairs.demand
     state["away"] = np.where(nowhere, gathered(state["away"], right, seconds, min_seconds), 0.0)
     state["side"] = np.where(turns, np.where(nowhere, 1, -side), np.where(state["away"] >= 1.0, -1, side))
@@ -74,4 +81,4 @@ def advance_lines(
     state["net"][settled] = 0
     state["evidence"][settled] = 0.0
     surely_here = state["side"] * pairs.depth > pairs.sure
-    return forward, backward, ~surely_here | settled
+    return forward, backward, doubtful, ~surely_here | settled

@@ -18,8 +18,8 @@ Bools = NDArray[np.bool_]
 ELSEWHERE = -2
 """A floor nobody is on: whoever comes from there has made no step."""
 _FIRST_CAPACITY = 64
-PLACE = np.dtype([("t", float), ("x", float), ("y", float), ("floor", np.int64), ("who", np.int64)])
-"""When and where a track was last, and who it is."""
+PLACE = np.dtype([("t", float), ("x", float), ("y", float), ("floor", np.int64), ("who", np.int64), ("spread", float)])
+"""When and where a track was last, who it is, and how well the place was known: metres, standard deviation."""
 
 
 class Slots:
@@ -117,7 +117,7 @@ class Slots:
                 self._grow()
             slot = heapq.heappop(self._free)
             self._people += 1
-            self.place[slot] = (np.nan, np.nan, np.nan, ELSEWHERE, self._people)
+            self.place[slot] = (np.nan, np.nan, np.nan, ELSEWHERE, self._people, 0.0)
             slots[int(track[row])] = slot
         self._index(slots)
 
