@@ -79,6 +79,10 @@ def load_scenario(path: str | Path, site_file: Path | None = None) -> tuple[Scen
     return scenario, site
 
 
+LEFT_OUT = ("source", "about", "name", "time_zone", "anchor")
+"""Addresses of pictures, prose, where on Earth it is: they tell nothing about what a scenario plays."""
+
+
 def scenario_digest(scenario: Scenario, site: Site) -> str:
     """Return a hash of all that scenario and site say, defaults included: when it changes, results do not compare."""
     content = {"scenario": _portable(scenario.model_dump(mode="json")), "site": _portable(site.model_dump(mode="json"))}
@@ -86,9 +90,9 @@ def scenario_digest(scenario: Scenario, site: Site) -> str:
 
 
 def _portable(value: Any, key: str = "") -> Any:
-    """Drop what differs between machines or tells nothing about the world: folders, addresses of pictures, prose."""
+    """Drop what differs between machines or tells nothing about the world, see ``LEFT_OUT``; of folders too."""
     if isinstance(value, dict):
-        return {name: _portable(part, name) for name, part in value.items() if name not in ("source", "about", "name")}
+        return {name: _portable(part, name) for name, part in value.items() if name not in LEFT_OUT}
     if isinstance(value, list):
         return [_portable(part, key) for part in value]
     return Path(value).name if key in ("file", "site") and isinstance(value, str) else value
