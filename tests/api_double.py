@@ -20,6 +20,7 @@ from fastapi.responses import JSONResponse, Response, StreamingResponse
 from waiting import wait_until
 
 from services.api.site_view import site_view
+from services.api.zones_drawn import zones_of
 from shared.http_server import serve
 from shared.site import Site
 from shared.zones import ZoneDefinition
@@ -106,7 +107,7 @@ def _app(double: Double, stopping: threading.Event) -> FastAPI:
 
     @app.get("/v1/site")
     async def site() -> Response:
-        return _json(msgspec.to_builtins(site_view(double.site)))
+        return _json(msgspec.to_builtins(site_view(double.site, zones_of(double.site))))
 
     @app.get("/v1/zones")
     async def zones() -> Response:
