@@ -114,7 +114,11 @@ def test_phones_get_located_and_zones_tell(demo: RunningDemo) -> None:
         return [position for position in demo.api("/v1/positions")["positions"] if position["age"] < 2.0]
 
     positions = wait_until(located, 90, "a phone to be located")
-    assert all(0 <= p["x"] <= 20 and 0 <= p["y"] <= 12 and 0 < p["probability"] <= 1 for p in positions)
+    for position in positions:  # whom no camera sees may be believed just outside the door
+        spare = 3.0 if position["state"] == "unseen" else 0.3
+        assert -spare <= position["x"] <= 20 + spare, position
+        assert -spare <= position["y"] <= 12 + spare, position
+        assert 0 < position["probability"] <= 1, position
     alerts = wait_until(lambda: demo.api("/v1/alerts")["alerts"], 90, "somebody to enter or leave a zone")
     assert alerts[0]["kind"] in ("enter", "exit")
     assert alerts[0]["zone"] in ("entrance", "model-corner")
