@@ -256,6 +256,9 @@ def test_a_zone_that_staff_drew_appears_on_the_live_map_by_itself(
     url, double = system
     browser.get(url)
     wait_until(lambda: browser.execute_script("return window.atrium?.floor === 'ground'"), 20, "the map")
+    # The floor is known a moment before it is painted.
+    painted = """return atrium.connected && (() => {""" + _PIXEL + """})().endsWith(",255")"""
+    wait_until(lambda: browser.execute_script(painted, 18.5, 1.2), 20, "the floor")
     before = browser.execute_script(_PIXEL, 18.5, 1.2)
     corner = [(17.5, 0.4), (19.5, 0.4), (19.5, 2.0), (17.5, 2.0)]
     double.keep(ZoneDefinition(id="corner", floor="ground", points=corner))
