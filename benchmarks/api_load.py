@@ -21,6 +21,8 @@ from benchmarks.gateway_load import percentiles_ms
 __all__ = ["Load", "Outcome", "drive"]
 
 _STAMP = re.compile(rb'"t":([0-9.]+)')
+EARLY = 0.005
+"""Seconds by which the loop's clock may wake us too soon: until then clients ask once more."""
 PATIENCE = 10.0
 """Seconds for answers that are late, and for streams to open."""
 
@@ -150,7 +152,7 @@ class _Askers:
         else:
             for client in clients:
                 self._send(client, time.perf_counter())
-            await asyncio.sleep(load.seconds)
+            await asyncio.sleep(load.seconds + EARLY)
         wanted = self._sent + len(self._due)
         deadline = time.perf_counter() + PATIENCE
         while len(self._times) < wanted and time.perf_counter() < deadline:
