@@ -16,7 +16,6 @@ from starlette.responses import Response
 
 from services.api.audit_hook import audit
 from services.api.auth import Holder
-from services.api.bodies import described_body, read_body
 from services.api.calibration_replies import (
     CALIBRATION_EXAMPLES,
     BoardCorners,
@@ -43,6 +42,7 @@ from services.api.camera_link import CameraLink
 from services.api.learning_link import LearningLink
 from services.api.openapi import documented, errors
 from services.api.problems import Problem, ProblemError, unknown
+from services.api.request_body import described, read_struct
 from services.api.settings import Scope
 from services.api.setup_desk import SetupDesk
 from shared.keys import Keys
@@ -117,12 +117,12 @@ def calibration_routes(
     @router.post(
         "/cameras/{camera}/calibration/try",
         responses=documented(CalibrationTrial, 404, 409, 413, 422),
-        openapi_extra=described_body(CalibrationTry, CALIBRATION_EXAMPLES[CalibrationTry]),
+        openapi_extra=described(CalibrationTry, CALIBRATION_EXAMPLES[CalibrationTry]),
     )
     async def attempt(request: Request, camera: str) -> Response:
         """Fit a camera to pairs: residuals, a suspected wrong click, the floor's grid in the picture; stores none."""
         named = _camera(site, camera)
-        order = await read_body(request, CalibrationTry, LARGEST)
+        order = await read_struct(request, CalibrationTry, LARGEST)
 
         def work() -> CalibrationTrial:
             lens = lens_of(desk, named, order.image_size) if order.use_lens else None
@@ -139,13 +139,13 @@ def calibration_routes(
     @router.post(
         "/cameras/{camera}/calibration",
         responses=documented(CalibrationSaved, 404, 409, 413, 422, 503),
-        openapi_extra=described_body(CalibrationSave, CALIBRATION_EXAMPLES[CalibrationSave]),
+        openapi_extra=described(CalibrationSave, CALIBRATION_EXAMPLES[CalibrationSave]),
     )
     async def save(request: Request, camera: str) -> Response:
         """Save a calibration and the area of interest beside the site file; the one before is kept."""
         _needs(request, "setup")
         named = _camera(site, camera)
-        order = await read_body(request, CalibrationSave, LARGEST)
+        order = await read_struct(request, CalibrationSave, LARGEST)
 
         def work() -> CalibrationSaved:
             with _audited(request, "save calibration", camera):
@@ -175,12 +175,12 @@ def calibration_routes(
     @router.post(
         "/access-points",
         responses=documented(CalibrationSaved, 404, 409, 413, 422, 503),
-        openapi_extra=described_body(PlacementSave, CALIBRATION_EXAMPLES[PlacementSave]),
+        openapi_extra=described(PlacementSave, CALIBRATION_EXAMPLES[PlacementSave]),
     )
     async def place(request: Request) -> Response:
         """Save where access points hang beside the site file; null: as the site file says."""
         _needs(request, "setup")
-        order = await read_body(request, PlacementSave, LARGEST)
+        order = await read_struct(request, PlacementSave, LARGEST)
         known = {point.id: point for point in site.access_points}
         for name in order.positions:
             if name not in known:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from services.api.bodies import invalid
 from services.api.calibration_replies import (
     CalibrationSave,
     CalibrationSaved,
@@ -17,6 +16,7 @@ from services.api.calibration_replies import (
 from services.api.calibration_trial import all_pairs, try_pairs
 from services.api.learning_link import LearningLink
 from services.api.problems import Problem, ProblemError
+from services.api.request_body import invalid
 from services.api.setup_desk import SetupDesk
 from shared.site import Camera, Site
 from shared.site.camera_geometry import GeometryError, LensModel

@@ -16,7 +16,7 @@ from services.api.history_formats import CSV, GEOJSON, PARQUET, csv_answer, geoj
 from services.api.history_link import HistoryLink
 from services.api.history_replies import DwellReport, FlowReport, HeatMapReport, OccupancyReport, TrajectoryReport
 from services.api.openapi import documented
-from services.api.problems import Problem, ProblemError, unknown
+from services.api.problems import ProblemError, invalid_value, unknown
 from shared.history_query import (
     STATES,
     AskDwell,
@@ -226,28 +226,14 @@ def _period(since: float | None, until: float | None, day: str | None, zone: Zon
         today = datetime.datetime.fromtimestamp(now, zone).date()
         return datetime.datetime.combine(today, datetime.time(), zone).timestamp(), end
     if since is not None or until is not None:
-        raise _invalid("day", day, "either a day, or since and until")
+        raise ProblemError(invalid_value("day", day, "either a day, or since and until"))
     try:
         begin = datetime.date.fromisoformat(day)
         following = begin + datetime.timedelta(days=1)
         times = [datetime.datetime.combine(date, datetime.time(), zone).timestamp() for date in (begin, following)]
     except (ValueError, OverflowError) as error:
-        raise _invalid("day", day, "a date such as 2026-11-23") from error
+        raise ProblemError(invalid_value("day", day, "a date such as 2026-11-23")) from error
     return times[0], times[1]
-
-
-def _invalid(field: str, found: str, allowed: str) -> ProblemError:
-    return ProblemError(
-        Problem(
-            type="urn:atrium:invalid-value",
-            title="Invalid value",
-            status=422,
-            detail=f"{field}: found {found!r}, allowed: {allowed}",
-            field=field,
-            found=found,
-            allowed=allowed,
-        )
-    )
 
 
 def _columns(found: Trajectory) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-__all__ = ["MEDIA_TYPE", "Problem", "ProblemError", "problem_response", "tell_problems"]
+__all__ = ["MEDIA_TYPE", "Problem", "ProblemError", "invalid_value", "problem_response", "tell_problems"]
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -65,6 +65,19 @@ def unknown(what: str, found: str, allowed: list[str] | None = None) -> ProblemE
     )
 
 
+def invalid_value(field: str, found: str, allowed: str, detail: str = "") -> Problem:
+    """Return the 422 for one value, said in ``detail`` or in the usual words."""
+    return Problem(
+        type="urn:atrium:invalid-value",
+        title="Invalid value",
+        status=422,
+        detail=detail or f"{field}: found {found!r}, allowed: {allowed}",
+        field=field,
+        found=found,
+        allowed=allowed,
+    )
+
+
 def problem_response(problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
     """Return the HTTP response that carries ``problem``."""
     return Response(
@@ -88,17 +101,7 @@ def tell_problems(app: FastAPI) -> None:
         field = str(first["loc"][-1]) if first["loc"] else "request"
         found = _shorten(str(first.get("input")))
         allowed = _ALLOWED.get(field, str(first["msg"]))
-        return problem_response(
-            Problem(
-                type="urn:atrium:invalid-value",
-                title="Invalid value",
-                status=422,
-                detail=f"{field}: found {found!r}, allowed: {allowed}",
-                field=field,
-                found=found,
-                allowed=allowed,
-            )
-        )
+        return problem_response(invalid_value(field, found, allowed))
 
     @app.exception_handler(HTTPException)
     async def refused(request: Request, error: HTTPException) -> Response:

@@ -8,26 +8,17 @@ from typing import Any, TypeVar
 import msgspec
 from fastapi import Request
 
-from services.api.problems import Problem, ProblemError
+from services.api.problems import Problem, ProblemError, invalid_value
 
-__all__ = ["described", "invalid", "only_known", "read_body", "read_json", "read_object"]
+__all__ = ["described", "invalid", "only_known", "read_body", "read_json", "read_object", "read_struct"]
 
+S = TypeVar("S", bound=msgspec.Struct)
 T = TypeVar("T")
 
 
 def invalid(field: str, found: str, allowed: str) -> ProblemError:
     """Return the 422 for one value."""
-    return ProblemError(
-        Problem(
-            type="urn:atrium:invalid-value",
-            title="Invalid value",
-            status=422,
-            detail=f"{field}: {found}; allowed: {allowed}",
-            field=field,
-            found=found,
-            allowed=allowed,
-        )
-    )
+    return ProblemError(invalid_value(field, found, allowed, f"{field}: {found}; allowed: {allowed}"))
 
 
 async def read_body(request: Request, most: int) -> bytes:
@@ -52,6 +43,21 @@ async def read_body(request: Request, most: int) -> bytes:
                 )
             )
     return bytes(body)
+
+
+async def read_struct(request: Request, kind: type[S], most: int) -> S:
+    """Return the body as a ``kind``; fields it does not know are passed over.
+
+    Raises:
+        ProblemError: it is larger than ``most`` bytes, or no ``kind``; the place inside the body is named.
+    """
+    body = await read_body(request, most)
+    try:
+        return msgspec.json.decode(body, type=kind)
+    except msgspec.MsgspecError as error:
+        words, _, place = str(error).partition(" - at `")
+        field = place.rstrip("`").removeprefix("$.") if place else "body"
+        raise invalid(field, words, "a JSON object as in the example at /docs") from error
 
 
 def read_json(body: bytes, allowed: str) -> Any:

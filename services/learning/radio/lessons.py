@@ -169,17 +169,14 @@ class RadioLessons:
         if new := doubts(live, self._alarming):
             words = doubted_words(*(self.points[shift.point] for shift in new))
             return self._of_itself(doubted(live, new), now, min(shift.nats for shift in new), words)
-        if not any(is_doubted(live, point) for point in range(len(self.points))):
+        questioned = [point for point in range(len(self.points)) if is_doubted(live, point)]
+        if not questioned:
             return None
         recent, _, _ = self._teaching(since=max(now - self._settings.recent, self._lived), sure=True)
         told = self._live.of_placed(recent)
         error = own_offsets(told, self._live.beyond(told, np.zeros(0)))
         shared = max(self._reference.visit, SHARED)
-        nats = {
-            point: agreement(live, told, error, shared, point)
-            for point in range(len(self.points))
-            if is_doubted(live, point)
-        }
+        nats = {point: agreement(live, told, error, shared, point) for point in questioned}
         again = [point for point in nats if nats[point] > SURE]
         if not again:
             return None
