@@ -6,7 +6,6 @@ import contextlib
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -23,6 +22,7 @@ from rich.progress import Progress
 from benchmarks.api_load import Load, Outcome
 from benchmarks.bare_body import PLAIN
 from benchmarks.experiment import Experiment, ExperimentError, Figures, Options
+from benchmarks.unused_port import unused_port
 from services.api.settings import DEMO_KEY
 from shared.bus import Bus, router
 from shared.keys import Keys
@@ -110,7 +110,7 @@ def _send(load: Load) -> Outcome:
 @contextlib.contextmanager
 def _servers() -> Iterator[_Servers]:
     """Start a router, whoever tells tracks, the API and the bare server; each server is a process."""
-    bus, port, health, bare = (_unused_port() for _ in range(4))
+    bus, port, health, bare = (unused_port() for _ in range(4))
     endpoint = f"tcp/127.0.0.1:{bus}"
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
@@ -212,13 +212,6 @@ def _body(url: str) -> bytes:
                 return answer.content
         time.sleep(0.05)
     raise ExperimentError(f"{url} does not answer")
-
-
-def _unused_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 EXPERIMENT = Experiment(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from rich.progress import Progress
 
 from benchmarks.experiment import Experiment, ExperimentError, Figures, Options
+from benchmarks.unused_port import unused_port
 from shared.bus import Bus, router
 from shared.keys import Keys
 from shared.messages import TrackFrame
@@ -81,7 +81,7 @@ def run(options: Options, progress: Progress) -> Figures:
 @contextlib.contextmanager
 def _dashboard() -> Iterator[str]:
     """Start a router, the API and the dashboard, and let people walk; yields the dashboard's address."""
-    endpoint, api, port = f"tcp/127.0.0.1:{_unused_port()}", _unused_port(), _unused_port()
+    endpoint, api, port = f"tcp/127.0.0.1:{unused_port()}", unused_port(), unused_port()
     site = load_site(SITE)
     environment = {name: value for name, value in os.environ.items() if not name.startswith("ATRIUM_")} | {
         "ATRIUM_SITE_FILE": str(SITE),
@@ -206,13 +206,6 @@ def _browser(folder: Path) -> Iterator[Any]:
         yield browser
     finally:
         browser.quit()
-
-
-def _unused_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def _answers(address: str) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 
 from benchmarks.experiment import ExperimentError
 from benchmarks.fusion_load import LoadFile, Said, Sent
+from benchmarks.unused_port import unused_port
 from services.cli.launcher import Launcher, LauncherError, ProcessSpec
 from shared.bus import router
 from shared.keys import Keys
@@ -123,7 +123,7 @@ def run_live(
     Raises:
         ExperimentError: a process did not start or ended early.
     """
-    endpoint, keys, heard = f"tcp/127.0.0.1:{_unused_port()}", Keys(site), _Heard()
+    endpoint, keys, heard = f"tcp/127.0.0.1:{unused_port()}", Keys(site), _Heard()
     memory: list[tuple[float, float]] = []
     words: deque[str] = deque(maxlen=10)
     with ExitStack() as stack:
@@ -137,7 +137,7 @@ def run_live(
         )
         stack.callback(launcher.stop)
         settings = {"ATRIUM_AREA": area, "ATRIUM_LOG_LEVEL": "warning", "ATRIUM_STATE_FOLDER": str(folder)}
-        launcher.start(ProcessSpec("fusion", "services.fusion", _unused_port(), settings))
+        launcher.start(ProcessSpec("fusion", "services.fusion", unused_port(), settings))
         try:
             launcher.wait_ready(READY_WITHIN)
         except LauncherError as error:
@@ -209,10 +209,3 @@ def _waited_seconds(process: int) -> float:
     """Return how long a process' main thread has waited for a core, s (Linux); NaN where the kernel does not tell."""
     file = Path(f"/proc/{process}/schedstat")
     return int(file.read_text().split()[1]) / 1e9 if file.is_file() else float("nan")
-
-
-def _unused_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port

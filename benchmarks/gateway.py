@@ -7,7 +7,6 @@ import itertools
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from rich.progress import Progress
 
 from benchmarks.experiment import Experiment, ExperimentError, Figures, Options
 from benchmarks.gateway_load import Load, Outcome
+from benchmarks.unused_port import unused_port
 from services.gateway.settings import GatewaySettings
 from shared.bus import router
 from shared.keys import Keys
@@ -112,7 +112,7 @@ def _send(load: Load) -> Outcome:
 @contextlib.contextmanager
 def _servers() -> Iterator[_Servers]:
     """Start a router, the gateway and the bare endpoint, each but the router in a process; enrol the phones."""
-    bus, port, health, bare = (_unused_port() for _ in range(4))
+    bus, port, health, bare = (unused_port() for _ in range(4))
     endpoint = f"tcp/127.0.0.1:{bus}"
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
@@ -198,13 +198,6 @@ def _processor_seconds(process: int) -> float:
     """Return the processor time a process has used, s (Linux)."""
     fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _unused_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 EXPERIMENT = Experiment(

@@ -13,7 +13,7 @@ import numpy as np
 import zenoh
 
 from benchmarks.experiment import ExperimentError
-from benchmarks.fusion_live import _unused_port
+from benchmarks.unused_port import unused_port
 from services.cli.demo import find_site
 from services.cli.launcher import Launcher, LauncherError, ProcessSpec
 from shared.bus import Bus, router
@@ -40,7 +40,7 @@ def alert_latency(seed: int, seconds: float = 30.0, site_name: str = "crowd") ->
     """
     site_file = find_site(site_name)
     site = load_site(site_file)
-    area, keys, endpoint = site.areas[0], Keys(site.site), f"tcp/127.0.0.1:{_unused_port()}"
+    area, keys, endpoint = site.areas[0], Keys(site.site), f"tcp/127.0.0.1:{unused_port()}"
     words: deque[str] = deque(maxlen=10)
     heard: list[tuple[float, float]] = []
 
@@ -62,7 +62,7 @@ def alert_latency(seed: int, seconds: float = 30.0, site_name: str = "crowd") ->
         )
         stack.callback(launcher.stop)
         settings = {"ATRIUM_LOG_LEVEL": "warning", "ATRIUM_STATE_FOLDER": str(folder)}
-        launcher.start(ProcessSpec("geofence", "services.geofence", _unused_port(), settings))
+        launcher.start(ProcessSpec("geofence", "services.geofence", unused_port(), settings))
         try:
             launcher.wait_ready(READY_WITHIN)
         except LauncherError as error:
