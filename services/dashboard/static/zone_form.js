@@ -1,6 +1,7 @@
 // The form of one zone: its name, its corners as numbers, its rules; and what the API did not like, where it belongs.
 
 import { element } from "./dom.js";
+import { field, slot } from "./fields.js";
 import { ruleForm, newRule } from "./zone_rules.js";
 import { areaOf, lengthOf, whatIsWrong } from "./zone_geometry.js";
 
@@ -167,15 +168,4 @@ export class ZoneForm {
       input.focus();
     } else shown.scrollIntoView({ block: "nearest" });
   }
-}
-
-export function slot(name) {
-  return element("p", { class: "problem standing", role: "alert", "data-for": name, hidden: true });
-}
-
-// A labelled input and the place for what is wrong with it.
-export function field(label, name, input, unit = "") {
-  const problem = element("span", { class: "problem", role: "alert", "data-for": name, hidden: true });
-  return element("label", { class: "field" }, element("span", { class: "label" }, label), input,
-    unit ? element("span", { class: "unit" }, unit) : null, problem);
 }

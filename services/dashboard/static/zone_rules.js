@@ -2,8 +2,8 @@
 
 import { KINDS } from "./alert_words.js";
 import { element } from "./dom.js";
+import { field } from "./fields.js";
 import { idFor } from "./zone_draft.js";
-import { field } from "./zone_form.js";
 
 const OF = { area: ["enter", "exit", "dwell", "crowd", "proximity", "speed"], line: ["cross"] };
 const WORDS = {

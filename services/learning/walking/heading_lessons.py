@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from services.learning.proposal import Proposal
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
+from services.learning.walking.device_rows import DeviceRows
 from services.learning.walking.held_out import LEAST_GROUPS, gain_of
 from services.learning.walking.runs import runs_of
 from shared.learning_report import ModelKind
@@ -39,7 +40,6 @@ MIXED = 300.0
 """Seconds before a model went live: stretches of that time are told later, nobody knows under which model."""
 LEAST_WALKS = 5
 MOST_WALKS = 60
-MOST_DEVICES = 1000
 LEAST_CHANGE = math.radians(2.0)
 HUBER = 1.5
 T, COSINE, SINE, RUNS, WALK = range(5)
@@ -60,15 +60,6 @@ class Bias(msgspec.Struct, frozen=True):
     error: float
 
 
-class _Device(msgspec.Struct):
-    rows: list[list[float]]
-    model: HeadingModel | None = None
-
-
-class _State(msgspec.Struct):
-    devices: dict[str, _Device]
-
-
 class HeadingLessons:
     """Learns by how much an area's phones are turned.
 
@@ -80,21 +71,19 @@ class HeadingLessons:
 
     def __init__(self, area: str) -> None:
         self._area = area
-        self._rows: dict[str, Array] = {}
-        self._models: dict[str, HeadingModel] = {}
-        self._tried: dict[str, tuple[float, int]] = {}
+        self._known = DeviceRows("heading lessons", 5, MOST_WALKS, HeadingModel)
 
     def learn(self, stretch: Stretch) -> None:
         """Take in how its runs of steps were turned against the track."""
         runs = runs_of(stretch)
         known = np.isfinite(runs.turned) & (np.abs(runs.turned) < FLIPPED)
-        model = self._models.get(stretch.device)
+        model = self._known.model(stretch.device)
         if model is not None:
             known &= (runs.t >= model.t) | (runs.t < model.t - MIXED)
         if not known.any():
             return
         taken_off = 0.0 if model is None else model.bias
-        rows = self._rows.pop(stretch.device, np.empty((0, 5))).copy()
+        rows = self._known.rows(stretch.device).copy()
         for t, turned, walk in zip(runs.t[known], runs.turned[known] + taken_off, runs.walk[known], strict=True):
             new = np.array([t, math.cos(turned), math.sin(turned), 1.0, float(walk)])
             if len(rows) and rows[-1, WALK] == walk and t - rows[-1, T] < PAUSE:
@@ -102,40 +91,28 @@ class HeadingLessons:
                 rows[-1] = new
             else:
                 rows = np.vstack([rows, new])
-        self._rows[stretch.device] = rows[-MOST_WALKS:]
-        if len(self._rows) > MOST_DEVICES:
-            self.forget(next(iter(self._rows)))
+        self._known.keep(stretch.device, rows)
 
     def forget(self, device: str) -> None:
         """Forget a device."""
-        for kept in (self._rows, self._models, self._tried):
-            kept.pop(device, None)
+        self._known.forget(device)
 
     def propose(self, now: float, until: float) -> Sequence[Proposal]:
         """Return the biases which, learned without a walk, make that walk's headings better."""
-        proposals = []
-        for device, rows in self._rows.items():
-            known = (float(rows[-1, T]), int((rows[:, T] <= until).sum()))
-            if self._tried.get(device) == known:
-                continue
-            self._tried[device] = known
-            proposal = self._propose(device, rows, now, until)
-            if proposal is not None:
-                proposals.append(proposal)
-        return proposals
+        proposals = (self._propose(device, rows, now, until) for device, rows in self._known.news(until))
+        return [proposal for proposal in proposals if proposal is not None]
 
     def activated(self, model: Message) -> None:
         """Know what is taken off."""
         if isinstance(model, HeadingModel):
-            self._models[model.device] = model
-            self._tried.pop(model.device, None)
+            self._known.activated(model)
 
     def regret(self, former: Message, since: float) -> tuple[float, float] | None:
         """See ``Critic``: by how much walks since would rather have had the bias before taken off."""
-        model = self._models.get(former.device) if isinstance(former, HeadingModel) else None
+        model = self._known.model(former.device) if isinstance(former, HeadingModel) else None
         if model is None or not isinstance(former, HeadingModel):
             return None
-        rows = self._rows.get(model.device, np.empty((0, 5)))
+        rows = self._known.rows(model.device)
         angles = _angles(rows[rows[:, T] > since])
         if len(angles) < LEAST_GROUPS:
             return None
@@ -145,8 +122,8 @@ class HeadingLessons:
 
     def lesson(self, device: str) -> dict[str, float | None]:
         """Return what ``DeviceLessons`` tells of a device's headings: heading_bias, heading_error."""
-        rows = self._rows.get(device)
-        if rows is None or len(rows) < LEAST_WALKS:
+        rows = self._known.rows(device)
+        if len(rows) < LEAST_WALKS:
             return {"heading_bias": None, "heading_error": None}
         found = bias_of(_angles(rows), rows[:, RUNS])
         return {"heading_bias": found.mean, "heading_error": math.sqrt(found.error)}
@@ -159,16 +136,11 @@ class HeadingLessons:
     @property
     def devices(self) -> list[str]:
         """Of whom something is known."""
-        return sorted(self._rows.keys() | self._models.keys())
+        return self._known.devices
 
     def state(self) -> dict[str, Any]:
         """Return walks and models in use."""
-        devices = {
-            device: _Device(self._rows.get(device, np.empty((0, 5))).tolist(), self._models.get(device))
-            for device in self.devices
-        }
-        state: dict[str, Any] = msgspec.to_builtins(_State(devices))
-        return state
+        return {"devices": self._known.state()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from ``state()``.
@@ -176,18 +148,7 @@ class HeadingLessons:
         Raises:
             ValueError: it is none.
         """
-        try:
-            known = msgspec.convert(state, _State)
-        except msgspec.ValidationError as error:
-            raise ValueError(f"heading lessons: {error}") from error
-        rows = {}
-        for device, kept in known.devices.items():
-            if any(len(row) != 5 for row in kept.rows):
-                raise ValueError(f"heading lessons: devices.{device}.rows: allowed: five numbers in each")
-            if kept.rows:
-                rows[device] = np.array(kept.rows, float)
-        self._rows, self._tried = rows, {}
-        self._models = {device: kept.model for device, kept in known.devices.items() if kept.model is not None}
+        self._known.restore(state.get("devices", {}))
 
     def _propose(self, device: str, rows: Array, now: float, until: float) -> Proposal | None:
         taught = rows[:, T] <= until
@@ -195,7 +156,7 @@ class HeadingLessons:
             return None
         angles, runs = _angles(rows), rows[:, RUNS]
         found = bias_of(angles[taught], runs[taught])
-        model = self._models.get(device)
+        model = self._known.model(device)
         active = 0.0 if model is None else model.bias
         predicted = np.full(len(rows), found.mean)
         for row in np.flatnonzero(taught):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from services.learning.proposal import Proposal
 from services.learning.report_draft import ReportDraft
 from services.learning.tracks.stretch import Stretch
+from services.learning.walking.device_rows import DeviceRows
 from services.learning.walking.held_out import LEAST_GROUPS, Gain, gain_of
 from services.learning.walking.runs import STEPS, runs_of
 from shared.learning_report import ModelKind
@@ -35,23 +36,12 @@ ALIKE = 2.0
 LEAST_RUNS, LEAST_STRETCHES = 6, 4
 MOST_RUNS = 200
 """Kept of a device: the latest, half an hour of walking in view."""
-MOST_DEVICES = 1000
 LEAST_CHANGE = 0.01
 """Of a step's length, below which a new line is not worth a trial."""
 FACTORS = (0.5, 2.0)
 """Which fusion allows."""
 T, WAY, CADENCE, LENGTH, STRETCH, VERSION = range(6)
 """Columns of what is kept of a run; ``VERSION``: of the line it was published under."""
-
-
-class _Device(msgspec.Struct):
-    rows: list[list[float]]
-    line: StrideModel | None = None
-
-
-class _State(msgspec.Struct):
-    stretches: int
-    devices: dict[str, _Device]
 
 
 class StrideLessons:
@@ -68,10 +58,7 @@ class StrideLessons:
         self._area = area
         self._least_r2 = least_r2
         self._stretches = 0
-        self._rows: dict[str, Array] = {}
-        self._lines: dict[str, StrideModel] = {}
-        self._tried: dict[str, tuple[float, int]] = {}
-        """By device, the time of its newest run when it was last looked at, and how many runs might teach."""
+        self._known = DeviceRows("stride lessons", 6, MOST_RUNS, StrideModel)
 
     def learn(self, stretch: Stretch) -> None:
         """Take in how far the track went in each run of steps."""
@@ -79,44 +66,31 @@ class StrideLessons:
         if not len(runs.t):
             return
         self._stretches += 1
-        line = self._lines.get(stretch.device)
+        line = self._known.model(stretch.device)
         version = 0 if line is None or _unknown(line) else line.version
         shared = [np.full(len(runs.t), float(value)) for value in (self._stretches, version)]
         new = np.column_stack([runs.t, runs.way, runs.cadence, runs.length, *shared])
-        before = self._rows.pop(stretch.device, np.empty((0, 6)))
-        self._rows[stretch.device] = np.concatenate([before, new])[-MOST_RUNS:]
-        if len(self._rows) > MOST_DEVICES:
-            self.forget(next(iter(self._rows)))
+        self._known.keep(stretch.device, np.concatenate([self._known.rows(stretch.device), new]))
 
     def forget(self, device: str) -> None:
         """Forget a device."""
-        for kept in (self._rows, self._lines, self._tried):
-            kept.pop(device, None)
+        self._known.forget(device)
 
     def propose(self, now: float, until: float) -> Sequence[Proposal]:
         """Return the lines that predict stretches they were not taught by better than what is in use."""
-        proposals = []
-        for device, rows in self._rows.items():
-            known = (float(rows[-1, T]), int((rows[:, T] <= until).sum()))
-            if self._tried.get(device) == known:
-                continue
-            self._tried[device] = known
-            proposal = self._propose(device, rows, now, until)
-            if proposal is not None:
-                proposals.append(proposal)
-        return proposals
+        proposals = (self._propose(device, rows, now, until) for device, rows in self._known.news(until))
+        return [proposal for proposal in proposals if proposal is not None]
 
     def activated(self, model: Message) -> None:
         """Know the line in use."""
         if isinstance(model, StrideModel):
-            self._lines[model.device] = model
-            self._tried.pop(model.device, None)
+            self._known.activated(model)
 
     def regret(self, former: Message, since: float) -> tuple[float, float] | None:
         """See ``Critic``; what steps were taken for before any line was live cannot be told afterwards."""
-        if not isinstance(former, StrideModel) or former.device not in self._lines or _unknown(former):
+        if not isinstance(former, StrideModel) or self._known.model(former.device) is None or _unknown(former):
             return None
-        rows = self._rows.get(former.device, np.empty((0, 6)))
+        rows = self._known.rows(former.device)
         rows = rows[rows[:, T] > since]
         if len(np.unique(rows[:, STRETCH])) < LEAST_GROUPS:
             return None
@@ -127,10 +101,10 @@ class StrideLessons:
 
     def lesson(self, device: str) -> dict[str, float | bool | None]:
         """Return what ``DeviceLessons`` tells of a device's steps: slope, offset, r2, steps, used."""
-        rows, active = self._rows.get(device), self._lines.get(device)
+        rows, active = self._known.rows(device), self._known.model(device)
         used = active is not None and not _unknown(active)
-        told: dict[str, float | bool | None] = {"steps": 0 if rows is None else STEPS * len(rows), "used": used}
-        if rows is not None and len(rows) >= LEAST_RUNS:
+        told: dict[str, float | bool | None] = {"steps": STEPS * len(rows), "used": used}
+        if len(rows) >= LEAST_RUNS:
             line = _fit(rows)
             told |= {"slope": float(line.slope), "offset": float(line.offset), "r2": r_squared(rows, line)}
         elif active is not None and used:
@@ -145,16 +119,11 @@ class StrideLessons:
     @property
     def devices(self) -> list[str]:
         """Of whom something is known."""
-        return sorted(self._rows.keys() | self._lines.keys())
+        return self._known.devices
 
     def state(self) -> dict[str, Any]:
         """Return runs and lines in use."""
-        devices = {
-            device: _Device(self._rows.get(device, np.empty((0, 6))).tolist(), self._lines.get(device))
-            for device in self.devices
-        }
-        state: dict[str, Any] = msgspec.to_builtins(_State(self._stretches, devices))
-        return state
+        return {"stretches": self._stretches, "devices": self._known.state()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from ``state()``.
@@ -162,18 +131,11 @@ class StrideLessons:
         Raises:
             ValueError: it is none.
         """
-        try:
-            known = msgspec.convert(state, _State)
-        except msgspec.ValidationError as error:
-            raise ValueError(f"stride lessons: {error}") from error
-        rows = {}
-        for device, kept in known.devices.items():
-            if any(len(row) != 6 for row in kept.rows):
-                raise ValueError(f"stride lessons: devices.{device}.rows: allowed: six numbers in each")
-            if kept.rows:
-                rows[device] = np.array(kept.rows, float)
-        self._rows, self._stretches, self._tried = rows, known.stretches, {}
-        self._lines = {device: kept.line for device, kept in known.devices.items() if kept.line is not None}
+        stretches = state.get("stretches")
+        if not isinstance(stretches, int):
+            raise ValueError(f"stride lessons: stretches: {stretches!r}; allowed: a number of stretches")
+        self._known.restore(state.get("devices", {}))
+        self._stretches = stretches
 
     def _propose(self, device: str, rows: Array, now: float, until: float) -> Proposal | None:
         taught = rows[rows[:, T] <= until]
@@ -222,13 +184,13 @@ class StrideLessons:
     def _active(self, device: str, rows: Array) -> Array:
         """Return the lengths (n,) the model in use gives n runs; NaN where nobody can tell any more."""
         lengths = self._lengths_in_use(device, rows)
-        line = self._lines.get(device)
+        line = self._known.model(device)
         if line is None or _unknown(line):
             lengths = np.where(rows[:, VERSION] == 0.0, lengths, np.nan)
         return lengths
 
     def _lengths_in_use(self, device: str, rows: Array) -> Array:
-        line = self._lines.get(device)
+        line = self._known.model(device)
         if line is None or _unknown(line):
             return rows[:, LENGTH]
         return line.slope * rows[:, CADENCE] + line.offset
