@@ -7,6 +7,7 @@ run, and stop cleanly within five seconds of SIGTERM or Ctrl-C.
 from __future__ import annotations
 
 import contextlib
+import gc
 import json
 import logging
 import os
@@ -178,6 +179,7 @@ def _live(kind: type[Service[S]], settings: S, site: Site) -> int:
         server.shutdown()
         link.close()
         log.info("stopped", status=status)
+        gc.freeze()  # the process ends: nobody need look for circles among all it holds, which takes most of a second
     return status
 
 
