@@ -52,6 +52,7 @@ def simulate(name: str, seed: int | None, seconds: float | None, out: Path | Non
         raise LauncherError(f"{out}: cannot be written: {reason}")
     scenario, site = load_scenario(file)
     wanted = scenario.duration if seconds is None else seconds
+    console.print(f"making {wanted:.0f} s of {scenario.scenario}; its people and its radio come first")
     world = World(scenario, site, seed)
     begun = time.perf_counter()
     bar = Progress(

@@ -165,7 +165,9 @@ def test_docker_compose_accepts_the_file(options: list[str], tmp_path: Path) -> 
         if os.environ.get("CI") == "true":
             pytest.fail("CI must have docker-compose: scripts/system-packages.sh installs it")
         pytest.skip("needs docker-compose: scripts/system-packages.sh installs it")
-    environment = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
+    settings = tmp_path / "settings.env"
+    settings.write_text("# what .env does not name\nATRIUM_RING_MINUTES=7\n", encoding="utf-8")
+    environment = {"PATH": os.environ["PATH"], "HOME": str(tmp_path), "ATRIUM_SETTINGS_FILE": str(settings)}
     done = subprocess.run(
         ["docker-compose", *options, "config"], cwd=ROOT, capture_output=True, text=True, env=environment, timeout=60
     )
@@ -174,6 +176,7 @@ def test_docker_compose_accepts_the_file(options: list[str], tmp_path: Path) -> 
     services = yaml.safe_load(done.stdout)["services"]
     assert services["api"]["command"] == SERVICES["api"]["command"]
     assert services["zenoh"]["image"] == SERVICES["zenoh"]["image"]
+    assert all(services[name]["environment"]["ATRIUM_RING_MINUTES"] == "7" for name in ("camera", "gateway", "api"))
     if "deploy/demo.env" in options:
         assert services["api"]["environment"]["ATRIUM_PROFILE"] == "demo"
         assert "simulator" in services
@@ -187,9 +190,10 @@ def test_a_second_camera_is_added_as_the_documentation_says(tmp_path: Path) -> N
     assert override is not None
     (tmp_path / "docker-compose.yml").write_text((ROOT / "docker-compose.yml").read_text(encoding="utf-8"))
     (tmp_path / "docker-compose.override.yml").write_text(override[1], encoding="utf-8")
+    settings = str(ROOT / "deploy/settings.env")
     done = subprocess.run(
         ["docker-compose", "config"], cwd=tmp_path, capture_output=True, text=True, timeout=60,
-        env={"PATH": os.environ["PATH"], "HOME": str(tmp_path)},
+        env={"PATH": os.environ["PATH"], "HOME": str(tmp_path), "ATRIUM_SETTINGS_FILE": settings},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     services = yaml.safe_load(done.stdout)["services"]
