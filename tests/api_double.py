@@ -261,6 +261,8 @@ def _tracks(now: float) -> list[dict[str, Any]]:
                 "runner_up": DEVICES[2] if number == 0 else None,
                 "runner_up_probability": 0.05 if number == 0 else 0.0,
                 "former": [7, 9] if number == 0 else [],
+                "device_since": now - 60.0 if device else None,
+                "sources": ["hall-east", device] if device else ["hall-east"],
                 "quality": 0.9,
             }
         )
@@ -269,7 +271,20 @@ def _tracks(now: float) -> list[dict[str, Any]]:
 
 def _columns(now: float) -> dict[str, Any]:
     rows = _tracks(now)
-    names = ("floor", "track", "x", "y", "vx", "vy", "state", "device", "probability")
+    names = (
+        "floor",
+        "track",
+        "x",
+        "y",
+        "vx",
+        "vy",
+        "state",
+        "device",
+        "device_since",
+        "probability",
+        "sources",
+        "quality",
+    )
     columns: dict[str, Any] = {name: [row[name] for row in rows] for name in names}
     return {"area": "hall", "t": now, **columns, "accuracy": [0.3] * len(rows)}
 

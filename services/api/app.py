@@ -80,8 +80,9 @@ def create_app(
         "/v1/cameras": live.cameras_json,
         "/v1/site": lambda _: admin.site_json,
     }
+    ring = KeyRing(settings.api_keys, lambda: admin.accounts.holders)
     layers = [
-        Middleware(Guard, ring=KeyRing(settings.api_keys, lambda: admin.accounts.holders)),
+        Middleware(Guard, ring=ring),
         Middleware(HotReads, sources=sources),
         Middleware(Audited, audit=admin.audit),
     ]
@@ -107,7 +108,7 @@ def create_app(
     app.include_router(calibration_routes(site, settings.site_file, ask, learning))
     app.include_router(history_reads(site, history, admin.viewing_places))
     app.include_router(erasure_reads(erasures))
-    log = streams(site, live, hub, alerts.past, settings.stream_patience)
+    log = streams(site, live, hub, alerts.past, settings.stream_patience, ring)
     for router in (log, *alerts.routers(hub, lambda: live.zones.ids)):
         app.include_router(router)
 

@@ -200,7 +200,7 @@ class ApiService(Service[ApiSettings]):
             message = delivery.message
             if isinstance(message, TrackFrame):
                 if self._live.take_tracks(message, delivery.trace.origin):
-                    self._hub.tracks(self._live.erased.from_tracks(message))
+                    self._hub.tracks(*self._live.newest(message.area))
                 else:
                     self._tell_once(f"tracks of area {message.area}")
             elif isinstance(message, Alert):

@@ -20,7 +20,7 @@ from postgres_server import postgres
 from test_api_live import DEADLINE, KEY, KEYS, alert, frame
 from waiting import wait_until
 from webhook_receiver import Receiver, receiver
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from services.api.stream import DROPPED, READERS
@@ -78,6 +78,8 @@ class Lines:
     def __init__(self, address: str, path: str, key: str = "demo-api-key") -> None:
         self.seen: list[dict[str, object]] = []
         self.silences = 0
+        self.code: int | None = None
+        """Close code of a WebSocket."""
         self._closing = threading.Event()
         self._headers = {"X-API-Key": key, "Accept": "application/x-ndjson"}
         self._url = address + path
@@ -103,6 +105,9 @@ class Lines:
                         self.seen.append(json.loads(opened.recv(timeout=0.1)))
                     except TimeoutError:
                         self.silences += 1
+                    except ConnectionClosed:
+                        break
+            self.code = opened.close_code
             return
         with httpx.stream("GET", self._url, headers=self._headers, timeout=DEADLINE) as reply:
             assert reply.headers["Content-Type"].startswith("application/x-ndjson")
@@ -222,7 +227,9 @@ def test_alerts_are_resumed_over_a_restart_and_the_rest_is_told_to_be_lost(
 def test_bad_questions_to_streams_are_refused_in_every_form(address: str) -> None:
     for query, status, field in (
         ("area=nowhere", 404, "area"),
-        ("zone=no%20zone", 422, "zone"),
+        ("zone=nowhere", 404, "zone"),
+        ("near=1,2", 422, "near"),
+        ("confidence=2", 422, "confidence"),
         ("device=%00", 422, "device"),
         ("kinds=alert,rumour", 422, "kinds"),
         ("kinds=", 422, "kinds"),
@@ -483,11 +490,18 @@ def test_a_database_that_goes_away_loses_no_alert_and_holds_up_no_stream(
         listening.close()
 
 
-def test_a_stream_ends_with_its_key(address: str) -> None:
-    wanted = {"name": "guide-app", "scopes": ["positions"], "expires": time.time() + 1.0}
-    key = httpx.post(f"{address}/v1/keys", headers=KEY, json=wanted).json()["key"]
-    listening = Lines(address, "/v1/events", key)
-    wait_until(lambda: listening.silences, DEADLINE, "the stream")
-    wait_until(lambda: listening.ended, DEADLINE, "its end")
-    assert time.time() >= wanted["expires"]  # type: ignore[operator]
-    assert httpx.get(f"{address}/v1/events", headers={"X-API-Key": key}).status_code == 401
+def test_a_stream_ends_with_its_key_in_every_form_and_says_why(address: str) -> None:
+    wanted = {"name": "guide-app", "scopes": ["positions"]}
+    soon = {"expires": time.time() + 1.0}
+    for last, path in ((soon, "/v1/events"), ({}, "/v1/events"), ({}, "/v1/ws")):
+        made = httpx.post(f"{address}/v1/keys", headers=KEY, json=wanted | last).json()
+        listening = Lines(address if path != "/v1/ws" else address.replace("http", "ws"), path, made["key"])
+        wait_until(lambda: listening.silences or listening.seen, DEADLINE, "the stream")  # noqa: B023
+        if not last:
+            httpx.delete(f"{address}/v1/keys/{made['id']}", headers=KEY)
+        asked = time.monotonic()
+        wait_until(lambda: listening.ended, DEADLINE, "its end")  # noqa: B023
+        assert time.monotonic() - asked < 5.0
+        assert [one["type"] for one in listening.of("ended")] == ["urn:atrium:unauthorized"]
+        assert httpx.get(f"{address}{path}", headers={"X-API-Key": made["key"]}).status_code in (401, 404)
+    assert listening.code == 1008

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from waiting import wait_until
 
+from services.api.place_filter import Place
 from services.api.row_filters import Wanted, select
 from services.api.zones_drawn import ZonesDrawn, zones_of
 
@@ -134,7 +135,7 @@ def test_as_one_by_one(people: list[Row], age: float, sure: float, radius: float
     seen: list[str] = []
     cursor = None
     while True:
-        asked = Wanted(age, sure, None, near, "ground", limit, cursor)
+        asked = Wanted(age, sure, Place(None, near, "ground"), limit, cursor)
         page, cursor = select(people, asked, ZONES, ["ground"], lambda row: row.name, lambda row: row.sure)
         seen += [row.name for row in page]
         if cursor is None:
