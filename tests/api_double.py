@@ -40,6 +40,8 @@ class Double:
     """Method, path and query of every request but the stream's."""
     problems: list[str] = field(default_factory=list)
     """Of its health."""
+    scopes: list[str] = field(default_factory=lambda: ["acknowledge", "zones-admin"])
+    """Of the key, as far as the pages look at them."""
     refuse: dict[str, Any] | None = None
     """With which problem the next change is refused."""
 
@@ -108,6 +110,10 @@ def _app(double: Double, stopping: threading.Event) -> FastAPI:
     @app.get("/v1/site")
     async def site() -> Response:
         return _json(msgspec.to_builtins(site_view(double.site, zones_of(double.site))))
+
+    @app.get("/v1/session")
+    async def session() -> Response:
+        return _json({"name": "office", "role": None, "scopes": double.scopes, "expires": None})
 
     @app.get("/v1/zones")
     async def zones() -> Response:

@@ -80,7 +80,7 @@ def create_app(
         "/v1/cameras": live.cameras_json,
         "/v1/site": lambda _: admin.site_json,
     }
-    ring = KeyRing(settings.api_keys, lambda: admin.accounts.holders)
+    ring = KeyRing(settings.keys, lambda: admin.accounts.holders)
     layers = [
         Middleware(Guard, ring=ring),
         Middleware(HotReads, sources=sources),

@@ -93,6 +93,19 @@ def test_keys_are_read_in_every_documented_form(project: Path, monkeypatch: pyte
     assert scopes("demo-api-key", "demo-api-key") == set(ALL_SCOPES)
 
 
+def test_the_dashboards_key_may_do_what_its_pages_offer_unless_it_is_listed(project: Path) -> None:
+    def scopes(**changes: object) -> set[str]:
+        settings = ApiSettings(site_file=project / SITE, dashboard_key="the-key-of-a-dashboard", **changes)  # type: ignore[arg-type]
+        holder = KeyRing(settings.keys).holder_of(b"the-key-of-a-dashboard")
+        return set() if holder is None else set(holder.scopes)
+
+    assert {"positions", "acknowledge", "zones-admin", "learning-admin", "stills", "setup"} <= scopes()
+    assert not {"accounts", "audit", "webhooks"} & scopes()
+    assert "acknowledge" not in scopes(api_keys="the-key-of-a-dashboard")
+    with pytest.raises(ValueError, match="api_proxies"):
+        scopes(api_proxies=["anywhere"])
+
+
 @pytest.mark.parametrize("keys", ["demo-api-key", "short-key", '["a-long-secret-key-1", "demo-api-key"]'])
 def test_keys_that_anybody_could_guess_are_refused_outside_the_demo(
     keys: str, project: Path, monkeypatch: pytest.MonkeyPatch
