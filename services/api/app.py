@@ -27,7 +27,7 @@ from services.api.learning_maps import learning_maps
 from services.api.learning_orders import learning_orders
 from services.api.learning_reads import learning_reads
 from services.api.live_state import LiveState
-from services.api.openapi import UNCHANGED, describe, documented
+from services.api.openapi import UNCHANGED, describe, documented, named
 from services.api.position_routes import position_routes
 from services.api.problems import tell_problems
 from services.api.replies import (
@@ -77,6 +77,7 @@ def create_app(
         "/v1/positions": live.positions_json,
         "/v1/tracks": lambda now: live.tracks_json(None, now),
         "/v1/zones": live.zones_json,
+        "/v1/exhibits": lambda _: admin.exhibits_json,
         "/v1/cameras": live.cameras_json,
         "/v1/site": lambda _: admin.site_json,
     }
@@ -97,7 +98,14 @@ def create_app(
             expose_headers=["ETag", "Location", "Retry-After"],
         )
         layers.insert(0, cors)
-    app = FastAPIOffline(redoc_url=None, title="Atrium", version="1", lifespan=lifespan, middleware=layers)
+    app = FastAPIOffline(
+        redoc_url=None,
+        title="Atrium",
+        version="1",
+        lifespan=lifespan,
+        middleware=layers,
+        generate_unique_id_function=named,
+    )
     tell_problems(app)
     describe(app)
     app.include_router(position_routes(site, live))

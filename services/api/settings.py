@@ -98,7 +98,7 @@ class ApiSettings(ServiceSettings):
     dashboard_key: Annotated[SecretStr | None, BeforeValidator(lambda value: value or None)] = Field(
         None,
         max_length=256,
-        description="key of the dashboard: may do all its pages offer; one that is among api_keys has the scopes it has there",
+        description="key of the dashboard: may do all its pages offer; one of api_keys has the scopes it has there",
     )
     api_proxies: ProxyAddresses = Field(
         [], description="addresses or networks of proxies in front: their X-Forwarded-* is believed; none by default"

@@ -223,7 +223,7 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
 
 def _answers(content: dict[str, Any]) -> dict[int | str, dict[str, Any]]:
     told: dict[int | str, dict[str, Any]] = {200: {"description": _TOLD, "content": content}}
-    return told | {status: error(status) for status in (401, 403, 404, 410, 422, 503)}
+    return told | {status: error(status) for status in (401, 403, 404, 410, 422, 429, 503)}
 
 
 def _events(holder: Holder, kinds: str | None) -> frozenset[str]:

@@ -362,8 +362,9 @@ def outside() -> Iterator[Receiver]:
 
 def webhook(address: str, url: str, **more: object) -> dict[str, object]:
     answer = httpx.post(f"{address}/v1/webhooks", headers=KEY, json={"url": url, **more})
-    assert answer.status_code == 200, answer.text
+    assert answer.status_code == 201, answer.text
     made: dict[str, object] = answer.json()
+    assert answer.headers["Location"] == f"/v1/webhooks/{made['id']}"
     return made
 
 
@@ -420,7 +421,7 @@ def test_webhooks_are_signed_tried_again_given_up_and_replayed_and_the_slow_hold
     listed = httpx.get(f"{address}/v1/webhooks", headers=KEY).json()["webhooks"]
     assert "secret" not in listed[0]
     for hook in listed:
-        assert httpx.delete(f"{address}/v1/webhooks/{hook['id']}", headers=KEY).status_code == 200
+        assert httpx.delete(f"{address}/v1/webhooks/{hook['id']}", headers=KEY).status_code == 204
     assert httpx.get(f"{address}/v1/webhooks", headers=KEY).json()["webhooks"] == []
 
 

@@ -41,14 +41,14 @@ def audit_route(audit: AuditLog, engine: Engine) -> APIRouter:
         """Every change, every look-up of one person and every picture of a camera, newest first."""
         for text in (who, action):
             if text is not None and not text.isprintable():
-                return _json(AuditPage(t=time.time(), entries=[], before=None))
+                return _json(AuditPage(t=time.time(), entries=[], next=None))
         try:
             audit.keep()
             rows = audit.read(before, since, until, who, action, limit)
         except SQLAlchemyError as error:
             raise database_away(engine, error) from error
         found = [AuditEntry(**row) for row in rows]
-        return _json(AuditPage(t=time.time(), entries=found, before=found[-1].id if len(found) == limit else None))
+        return _json(AuditPage(t=time.time(), entries=found, next=found[-1].id if len(found) == limit else None))
 
     return router
 

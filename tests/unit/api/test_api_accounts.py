@@ -226,10 +226,10 @@ def test_the_audit_log_is_read_in_pages_by_those_who_may(here: Api) -> None:
     for number in range(5):
         here.client.post("/v1/zones", json=ZONE | {"id": f"z{number}"})
     first = here.client.get("/v1/audit?limit=3").json()
-    rest = here.client.get(f"/v1/audit?limit=3&before={first['before']}").json()
+    rest = here.client.get(f"/v1/audit?limit=3&before={first['next']}").json()
     subjects = [entry["subject"] for page in (first, rest) for entry in page["entries"]]
     assert subjects == [f"/v1/zones/z{number}" for number in (4, 3, 2, 1, 0)]
-    assert rest["before"] is None
+    assert rest["next"] is None
     assert here.client.get("/v1/audit?who=x' OR 1=1 --").json()["entries"] == []
     assert here.client.get("/v1/audit?who=%00").json()["entries"] == []
     assert here.client.get("/v1/audit?limit=0").status_code == 422

@@ -65,12 +65,17 @@ def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: 
     for path, operations in document["paths"].items():
         for operation in operations.values():
             answers = operation["responses"]
-            assert {"401", "403"} <= set(answers), path
+            assert {"401", "403", "429"} <= set(answers), path
+            assert all(parameter.get("description") for parameter in operation["parameters"]), path
+            assert "Retry-After" in answers["429"]["headers"], path
             (good,) = {"200", "201", "204"} & set(answers)
             assert good == "204" or "example" in json.dumps(answers[good]), path
             if "requestBody" in operation:
                 assert "example" in json.dumps(operation["requestBody"]), path
     assert document["security"]
+    ids = [operation["operationId"] for operations in document["paths"].values() for operation in operations.values()]
+    assert len(ids) == len(set(ids)) > 60
+    assert {"positions_tracks", "zones_add", "stream_events"} <= set(ids)
 
 
 def test_keys_are_read_in_every_documented_form(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:

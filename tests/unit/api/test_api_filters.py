@@ -154,6 +154,11 @@ def test_a_read_that_did_not_change_is_not_sent_again(here: Api) -> None:
     here.client.post("/v1/zones", json={"id": "new", "floor": "ground", "points": [[0, 0], [1, 0], [1, 1]]})
     changed = here.client.get("/v1/site", headers={"If-None-Match": site.headers["ETag"]})
     assert (changed.status_code, changed.headers["ETag"] != site.headers["ETag"]) == (200, True)
+    none = here.client.get("/v1/exhibits")
+    held = {"If-None-Match": none.headers["ETag"]}
+    assert here.client.get("/v1/exhibits", headers=held).status_code == 304
+    here.client.post("/v1/exhibits", json={"id": "vase", "floor": "ground", "x": 5.0, "y": 4.0})
+    assert [one["id"] for one in here.client.get("/v1/exhibits", headers=held).json()["exhibits"]] == ["vase"]
     first = here.client.get("/v1/positions")
     here.people(*PEOPLE)
     second = here.client.get("/v1/positions", headers={"If-None-Match": first.headers["ETag"]})
