@@ -65,12 +65,11 @@ def track_columns(frame: TrackFrame, since: Since) -> TrackColumns:
         state=list(frame.state),
         device=frame.device,
         device_since=[
-            None if device is None else since.get((track, device))
+            None if device is None or (track, device) not in since else round(since[track, device], 1)
             for track, device in zip(frame.track, frame.device, strict=True)
         ],
         probability=frame.probability,
-        sources=frame.sources,
-        quality=frame.quality,
+        quality=[round(quality, 2) for quality in frame.quality],
         accuracy=[_worst_sigma(*covariance) for covariance in frame.covariance],
     )
 
