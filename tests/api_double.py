@@ -40,6 +40,8 @@ class Double:
     """Method, path and query of every request but the stream's."""
     problems: list[str] = field(default_factory=list)
     """Of its health."""
+    scopes: list[str] = field(default_factory=lambda: ["acknowledge", "zones-admin"])
+    """Of the key, as far as the pages look at them."""
     refuse: dict[str, Any] | None = None
     """With which problem the next change is refused."""
 
@@ -108,6 +110,10 @@ def _app(double: Double, stopping: threading.Event) -> FastAPI:
     @app.get("/v1/site")
     async def site() -> Response:
         return _json(msgspec.to_builtins(site_view(double.site, zones_of(double.site))))
+
+    @app.get("/v1/session")
+    async def session() -> Response:
+        return _json({"name": "office", "role": None, "scopes": double.scopes, "expires": None})
 
     @app.get("/v1/zones")
     async def zones() -> Response:
@@ -261,6 +267,8 @@ def _tracks(now: float) -> list[dict[str, Any]]:
                 "runner_up": DEVICES[2] if number == 0 else None,
                 "runner_up_probability": 0.05 if number == 0 else 0.0,
                 "former": [7, 9] if number == 0 else [],
+                "device_since": now - 60.0 if device else None,
+                "sources": ["hall-east", device] if device else ["hall-east"],
                 "quality": 0.9,
             }
         )
@@ -269,7 +277,19 @@ def _tracks(now: float) -> list[dict[str, Any]]:
 
 def _columns(now: float) -> dict[str, Any]:
     rows = _tracks(now)
-    names = ("floor", "track", "x", "y", "vx", "vy", "state", "device", "probability")
+    names = (
+        "floor",
+        "track",
+        "x",
+        "y",
+        "vx",
+        "vy",
+        "state",
+        "device",
+        "device_since",
+        "probability",
+        "quality",
+    )
     columns: dict[str, Any] = {name: [row[name] for row in rows] for name in names}
     return {"area": "hall", "t": now, **columns, "accuracy": [0.3] * len(rows)}
 

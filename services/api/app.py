@@ -27,7 +27,7 @@ from services.api.learning_maps import learning_maps
 from services.api.learning_orders import learning_orders
 from services.api.learning_reads import learning_reads
 from services.api.live_state import LiveState
-from services.api.openapi import UNCHANGED, describe, documented
+from services.api.openapi import UNCHANGED, describe, documented, named
 from services.api.position_routes import position_routes
 from services.api.problems import tell_problems
 from services.api.replies import (
@@ -77,11 +77,13 @@ def create_app(
         "/v1/positions": live.positions_json,
         "/v1/tracks": lambda now: live.tracks_json(None, now),
         "/v1/zones": live.zones_json,
+        "/v1/exhibits": lambda _: admin.exhibits_json,
         "/v1/cameras": live.cameras_json,
         "/v1/site": lambda _: admin.site_json,
     }
+    ring = KeyRing(settings.keys, lambda: admin.accounts.holders)
     layers = [
-        Middleware(Guard, ring=KeyRing(settings.api_keys, lambda: admin.accounts.holders)),
+        Middleware(Guard, ring=ring),
         Middleware(HotReads, sources=sources),
         Middleware(Audited, audit=admin.audit),
     ]
@@ -96,7 +98,14 @@ def create_app(
             expose_headers=["ETag", "Location", "Retry-After"],
         )
         layers.insert(0, cors)
-    app = FastAPIOffline(redoc_url=None, title="Atrium", version="1", lifespan=lifespan, middleware=layers)
+    app = FastAPIOffline(
+        redoc_url=None,
+        title="Atrium",
+        version="1",
+        lifespan=lifespan,
+        middleware=layers,
+        generate_unique_id_function=named,
+    )
     tell_problems(app)
     describe(app)
     app.include_router(position_routes(site, live))
@@ -107,7 +116,7 @@ def create_app(
     app.include_router(calibration_routes(site, settings.site_file, ask, learning))
     app.include_router(history_reads(site, history, admin.viewing_places))
     app.include_router(erasure_reads(erasures))
-    log = streams(site, live, hub, alerts.past, settings.stream_patience)
+    log = streams(site, live, hub, alerts.past, settings.stream_patience, ring)
     for router in (log, *alerts.routers(hub, lambda: live.zones.ids)):
         app.include_router(router)
 

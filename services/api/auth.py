@@ -107,6 +107,11 @@ class KeyRing:
         # Of a digest nobody can choose the beginning: how long the search takes tells nothing.
         return found or self._issued().get(digest)
 
+    def refusal(self, presented: bytes | None) -> Problem | None:
+        """Return why ``presented`` opens nothing, or nothing any more; None: it opens something."""
+        holder = None if presented is None else self.holder_of(presented)
+        return _no_key(presented, holder) if holder is None or holder.expires <= time.time() else None
+
 
 class Guard:
     """ASGI layer that lets a request through only with a key that has the path's scope."""
@@ -183,19 +188,7 @@ def _is_open(connection: Connection) -> bool:
 
 def _refusal(connection: Connection, presented: bytes | None, holder: Holder | None) -> Problem | None:
     if holder is None or holder.expires <= time.time():
-        return Problem(
-            type="urn:atrium:unauthorized",
-            title="No valid key",
-            status=401,
-            detail="this path needs an API key: send 'Authorization: Bearer KEY' or 'X-API-Key: KEY'",
-            field="Authorization",
-            found="no key"
-            if presented is None
-            else "a key that is not known"
-            if holder is None
-            else "a key that has expired",
-            allowed="a key of the settings, one that was issued and holds, or the token of a sign-in",
-        )
+        return _no_key(presented, holder)
     needed = _needed_scope(connection["path"], connection.get("method", "GET"))
     if needed is not None and needed not in holder.scopes:
         return Problem(
@@ -220,6 +213,22 @@ _MAY_NOT: dict[Scope, str] = {
     "setup": "change how the site is set up",
     "stills": "see pictures of cameras",
 }
+
+
+def _no_key(presented: bytes | None, holder: Holder | None) -> Problem:
+    return Problem(
+        type="urn:atrium:unauthorized",
+        title="No valid key",
+        status=401,
+        detail="this path needs an API key: send 'Authorization: Bearer KEY' or 'X-API-Key: KEY'",
+        field="Authorization",
+        found="no key"
+        if presented is None
+        else "a key that is not known"
+        if holder is None
+        else "a key that has expired",
+        allowed="a key of the settings, one that was issued and holds, or the token of a sign-in",
+    )
 
 
 def _needed_scope(path: str, method: str) -> Scope | None:

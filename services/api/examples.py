@@ -98,10 +98,12 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
             {
                 **{name: value for name, value in _POSITION.items() if name not in ("device", "probability")},
                 "device": "d-7f3a",
+                "device_since": 1767225561.4,
                 "probability": 0.97,
                 "runner_up": "d-11c0",
                 "runner_up_probability": 0.02,
                 "former": [3],
+                "sources": ["d-7f3a", "hall-east"],
                 "quality": 0.93,
             }
         ],

@@ -98,7 +98,7 @@ LEARNING_EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     LearningCameras: {"t": _T, "cameras": [_CAMERA]},
     LearningDevices: {"t": _T, "devices": [_DEVICE]},
     LearningAccuracy: {"t": _T, "areas": [{"area": "hall", "accuracy": _ACCURACY}]},
-    LearningHistory: {"t": _T, "history": [_ACTIVATION], "before": None},
+    LearningHistory: {"t": _T, "history": [_ACTIVATION], "next": None},
     LearningDone: {"words": "area hall is back at radio model 2, as version 4", "version": 4},
     MapGrid: {
         "area": "hall",

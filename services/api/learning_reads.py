@@ -116,7 +116,7 @@ def learning_reads(site: Site, link: LearningLink) -> APIRouter:
             LearningCommand(do="history", kind=kind, subject=subject, before=before, most=limit, personal=personal)
         )
         page = _told(told.history, personal)
-        return _json(LearningHistory(t=time.time(), history=page, before=page[-1].t if told.older and page else None))
+        return _json(LearningHistory(t=time.time(), history=page, next=page[-1].t if told.older and page else None))
 
     return router
 

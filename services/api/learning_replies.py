@@ -92,8 +92,8 @@ class LearningHistory(Reply, frozen=True, kw_only=True):
 
     t: float
     history: list[Activation]
-    before: float | None
-    """Ask with this for the next page; null on the last."""
+    next: float | None
+    """As ``before`` it asks for the next page; null: there is none."""
 
 
 class LearningDone(Reply, frozen=True, kw_only=True):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
@@ -25,6 +25,7 @@ from services.api.replies import (
     ZoneReport,
     Zones,
 )
+from services.api.track_memory import Since, TrackMemory
 from services.api.zones_drawn import ZonesDrawn, zones_of
 from shared.erased import Erased
 from shared.messages import CameraStatus, TrackFrame
@@ -47,6 +48,7 @@ class _Arrived:
     frame: TrackFrame
     origin: float
     """Wall clock at which what the frame was made from reached the system; ages count from here."""
+    since: Since
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +94,7 @@ class LiveState:
         self._version = 0
         self.erased = Erased()
         self._newest: dict[str, _Arrived] = {}
+        self._memories = {area.id: TrackMemory() for area in site.areas}
         self._fixes: dict[str, _Fix] = {}
         self._statuses: dict[str, tuple[CameraStatus, float]] = {}
         self._drawn = ZonesDrawn(zones_of(site))
@@ -116,7 +119,8 @@ class LiveState:
                 for device, fix in self._fixes.items()
                 if fix.arrived.frame.area != frame.area or fix.arrived.frame.t <= frame.t
             }
-        arrived = _Arrived(self.erased.from_tracks(frame), origin)
+        told, since = self._memories[frame.area].take(self.erased.from_tracks(frame))
+        arrived = _Arrived(told, origin, since)
         self._newest[frame.area] = arrived
         for index, device in enumerate(arrived.frame.device):
             if device is not None:
@@ -127,12 +131,21 @@ class LiveState:
         self._version += 1
         return True
 
+    def newest(self, area: str) -> tuple[TrackFrame, Since]:
+        """Return the newest frame of an area (KeyError if there is none), with what fed each track in the last second.
+
+        And since when each person's device has been theirs.
+        """
+        held = self._newest[area]
+        return held.frame, held.since
+
     def erase(self, device: str) -> None:
         """Forget a device whose consent was withdrawn."""
         self.erased.add(device)
         self._fixes.pop(device, None)
         for area, held in self._newest.items():
-            self._newest[area] = _Arrived(self.erased.from_tracks(held.frame), held.origin)
+            self._memories[area].erase(device)
+            self._newest[area] = replace(held, frame=self.erased.from_tracks(held.frame))
         self._version += 1
 
     def take_status(self, status: CameraStatus, now: float) -> bool:
@@ -265,10 +278,12 @@ class LiveState:
                     age=_age(now, arrived.origin),
                     state=frame.state[i],
                     device=frame.device[i],
+                    device_since=_held_since(arrived, track, frame.device[i]),
                     probability=frame.probability[i],
                     runner_up=frame.runner_up[i],
                     runner_up_probability=frame.runner_up_probability[i],
                     former=frame.former[i],
+                    sources=frame.sources[i],
                     quality=frame.quality[i],
                 )
                 for arrived in self._present(now)
@@ -320,6 +335,10 @@ class LiveState:
 
 def _age(now: float, origin: float) -> float:
     return round(max(0.0, now - origin), 3)
+
+
+def _held_since(arrived: _Arrived, track: int, device: str | None) -> float | None:
+    return None if device is None else arrived.since.get((track, device))
 
 
 def _heading(frame: TrackFrame, index: int, known: _Fix | None) -> tuple[float, float] | None:

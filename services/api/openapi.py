@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from fastapi.routing import APIRoute
 
 from services.api.alerts.alert_replies import Acknowledged, Note
 from services.api.alerts.webhook_replies import WebhookDefinition, WebhookMessage
@@ -16,7 +17,7 @@ from services.api.problems import MEDIA_TYPE, Problem
 from services.api.replies import CameraReport, TrackColumns
 from shared.messages import Alert, Occupancy, Revision
 
-__all__ = ["GONE", "UNCHANGED", "created", "describe", "documented", "drawn", "error", "errors"]
+__all__ = ["GONE", "UNCHANGED", "created", "describe", "documented", "drawn", "error", "errors", "named"]
 
 _REFERENCE = "#/components/schemas/{name}"
 
@@ -84,6 +85,53 @@ def error(status: int) -> dict[str, Any]:
     return {"description": what, "content": {MEDIA_TYPE: {"schema": {"$ref": _REFERENCE.format(name="Problem")}}}}
 
 
+def named(route: APIRoute) -> str:
+    """Return the id of an operation, from which programs are made: ``positions_tracks``, ``zones_add``."""
+    return f"{route.tags[0]}_{route.name}".replace("-", "_") if route.tags else route.name
+
+
+_PATH = {
+    "alert": "id of an alert",
+    "area": "id of an area",
+    "camera": "id of a camera",
+    "device": "id of a device, as positions tell it",
+    "item": "its id",
+    "key": "id of a key",
+    "kind": "visits, occlusion, radio, shadowing or magnetic",
+    "name": "of one of the staff",
+    "webhook": "id of a webhook",
+}
+_SECONDS = {"description": "seconds to wait", "schema": {"type": "integer"}}
+_TEXT = {"type": "string"}
+_ETAG = {"description": "which state this is: for If-None-Match, or If-Match of a change", "schema": _TEXT}
+_HEADERS: dict[str, dict[str, Any]] = {
+    "201": {"Location": {"description": "its path", "schema": _TEXT}},
+    "401": {"WWW-Authenticate": {"description": "Bearer", "schema": _TEXT}},
+    "412": {"ETag": _ETAG},
+    "429": {"Retry-After": _SECONDS},
+    "503": {"Retry-After": _SECONDS | {"description": "seconds to wait, where that is known"}},
+}
+
+
+def _complete(path: str, operation: dict[str, Any]) -> None:
+    """Write down what all operations have in common."""
+    answers, parameters = operation["responses"], operation.setdefault("parameters", [])
+    if "422" in answers:
+        answers["422"] = error(422)
+    for status, headers in _HEADERS.items():
+        if status in answers:
+            answers[status].setdefault("headers", {}).update(headers)
+    if "304" in answers or path.startswith(("/v1/zones", "/v1/exhibits")):
+        for status in {"200", "201", "304"} & set(answers):
+            answers[status].setdefault("headers", {})["ETag"] = _ETAG
+    if "304" in answers:
+        held = "ETag of the answer one has: 304 where it is still that; without other parameters"
+        parameters.append({"name": "If-None-Match", "in": "header", "description": held, "schema": _TEXT})
+    for parameter in parameters:
+        if parameter["in"] == "path":
+            parameter.setdefault("description", _PATH[parameter["name"]])
+
+
 def describe(app: FastAPI) -> None:
     """Give ``app`` its OpenAPI document, built at the first request for it."""
 
@@ -99,10 +147,9 @@ def describe(app: FastAPI) -> None:
                 "header": {"type": "apiKey", "in": "header", "name": "X-API-Key"},
             }
             schema["security"] = [{"bearer": []}, {"header": []}]
-            for path in schema["paths"].values():
-                for operation in path.values():
-                    if "422" in operation["responses"]:
-                        operation["responses"]["422"] = error(422)
+            for path, operations in schema["paths"].items():
+                for operation in operations.values():
+                    _complete(path, operation)
             app.openapi_schema = schema
         return app.openapi_schema
 

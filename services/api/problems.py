@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import msgspec
-from fastapi import FastAPI, Request
-from fastapi.exceptions import RequestValidationError
+from fastapi import FastAPI, Request, WebSocket
+from fastapi.exceptions import RequestValidationError, WebSocketRequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
@@ -97,11 +97,11 @@ def tell_problems(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def invalid(_: Request, error: RequestValidationError) -> Response:
-        first = error.errors()[0]
-        field = str(first["loc"][-1]) if first["loc"] else "request"
-        found = _shorten(str(first.get("input")))
-        allowed = _ALLOWED.get(field, str(first["msg"]))
-        return problem_response(invalid_value(field, found, allowed))
+        return problem_response(_first_of(error))
+
+    @app.exception_handler(WebSocketRequestValidationError)
+    async def not_opened(websocket: WebSocket, error: WebSocketRequestValidationError) -> None:
+        await websocket.send_denial_response(problem_response(_first_of(error)))
 
     @app.exception_handler(HTTPException)
     async def refused(request: Request, error: HTTPException) -> Response:
@@ -131,6 +131,12 @@ def tell_problems(app: FastAPI) -> None:
                 detail="the request failed for a reason of ours; it stands in the log of the api service",
             )
         )
+
+
+def _first_of(error: RequestValidationError | WebSocketRequestValidationError) -> Problem:
+    first = error.errors()[0]
+    field = str(first["loc"][-1]) if first["loc"] else "request"
+    return invalid_value(field, _shorten(str(first.get("input"))), _ALLOWED.get(field, str(first["msg"])))
 
 
 def _shorten(text: str) -> str:

@@ -89,10 +89,15 @@ class Track(Reply, frozen=True, kw_only=True):
     age: float
     state: TrackState
     device: str | None
+    device_since: float | None
+    """Since when ``device`` has been this person's without a break, of one area; null where there is none."""
     probability: float
+    """Of ``device`` being right; where it is null, of the person carrying none of the known ones."""
     runner_up: str | None
     runner_up_probability: float
     former: list[int]
+    sources: list[str]
+    """Cameras that saw the person, and phones whose steps and radio told of them, in the last second."""
     quality: float
 
 
@@ -141,7 +146,10 @@ class TrackColumns(Reply, frozen=True, kw_only=True):
     vy: list[float]
     state: list[TrackState]
     device: list[str | None]
+    device_since: list[float | None]
+    """Since when it has been this person's, without a break; null where there is none."""
     probability: list[float]
+    quality: list[float]
     accuracy: list[float]
     """Metres: standard deviation along the direction that is known worst."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Protocol, TypeVar
@@ -10,13 +9,10 @@ from typing import Annotated, Protocol, TypeVar
 import numpy as np
 from fastapi import Query
 
-from services.api.problems import unknown
-from services.api.request_body import invalid
+from services.api.place_filter import NEAR, Place, circle
 from services.api.zones_drawn import ZonesDrawn
 
 __all__ = ["Page", "Wanted", "select", "wanted"]
-
-NEAR = "x,y,radius: three finite numbers in metres, such as 9.5,3,2; the radius above 0"
 
 
 class Row(Protocol):
@@ -50,9 +46,7 @@ class Wanted:
 
     age: float | None
     confidence: float | None
-    zone: str | None
-    near: tuple[float, float, float] | None
-    floor: str | None
+    place: Place
     limit: int
     cursor: str | None
 
@@ -72,7 +66,7 @@ def wanted(
     ] = None,
 ) -> Wanted:
     """Return what the query of a request asks for."""
-    return Wanted(age, confidence, zone, None if near is None else _near(near), floor, limit, cursor)
+    return Wanted(age, confidence, Place(zone, None if near is None else circle(near), floor), limit, cursor)
 
 
 def select(
@@ -96,23 +90,15 @@ def select(
     Raises:
         ProblemError: there is no such zone or floor, or ``near`` leaves open on which of several floors.
     """
-    if asked.zone is not None and asked.zone not in zones.ids:
-        raise unknown("zone", asked.zone)
-    if asked.floor is not None and asked.floor not in floors:
-        raise unknown("floor", asked.floor, list(floors))
-    if asked.near is not None and asked.floor is None and len(floors) > 1:
-        raise invalid("floor", "nothing", f"the floor that near is meant on: {', '.join(floors)}")
+    asked.place.check(zones, floors)
     found = [
         row
         for row in rows
         if (asked.age is None or row.age <= asked.age)
         and (asked.confidence is None or confidence(row) >= asked.confidence)
-        and (asked.floor is None or row.floor == asked.floor)
-        and (asked.near is None or math.hypot(row.x - asked.near[0], row.y - asked.near[1]) <= asked.near[2])
     ]
-    if asked.zone is not None:
-        person, zone = zones.within(*places(found))
-        found = [found[index] for index in np.sort(person[zone == zones.ids[asked.zone]]).tolist()]
+    if not asked.place.anywhere:
+        found = [found[index] for index in np.flatnonzero(asked.place.holds(zones, *places(found))).tolist()]
     found.sort(key=key)
     if asked.cursor is not None:
         found = [row for row in found if key(row) > asked.cursor]
@@ -126,13 +112,3 @@ def places(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         np.array([row.x for row in rows], dtype=float),
         np.array([row.y for row in rows], dtype=float),
     )
-
-
-def _near(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, radius = (float(part) for part in text.split(","))
-    except ValueError:
-        raise invalid("near", text, NEAR) from None
-    if not all(map(math.isfinite, (x, y, radius))) or radius <= 0.0:
-        raise invalid("near", text, NEAR)
-    return x, y, radius

@@ -76,12 +76,12 @@ class ApiService(Service[ApiSettings]):
         """
         if settings.profile == "demo":
             return
-        for key in settings.api_keys:
+        for key in settings.keys:
             secret = key.key.get_secret_value()
             if secret == DEMO_KEY or len(secret) < SHORTEST_KEY:
                 raise SettingsError(
                     f"api_keys: key {key.name!r} is the demo's or shorter than {SHORTEST_KEY} characters; "
-                    "set ATRIUM_API_KEYS to secrets of your own"
+                    "set ATRIUM_API_KEYS and ATRIUM_DASHBOARD_KEY to secrets of your own"
                 )
 
     def run(self) -> None:
@@ -109,7 +109,14 @@ class ApiService(Service[ApiSettings]):
             self._ask_once,
         )
         settings = self.settings
-        serve(app, settings.api_host, settings.api_port, self.stopping, stalled_after=2.0 * settings.stream_patience)
+        serve(
+            app,
+            settings.api_host,
+            settings.api_port,
+            self.stopping,
+            proxies=settings.api_proxies,
+            stalled_after=2.0 * settings.stream_patience,
+        )
         self._alerts.close()
 
     def stop(self) -> None:
@@ -200,7 +207,7 @@ class ApiService(Service[ApiSettings]):
             message = delivery.message
             if isinstance(message, TrackFrame):
                 if self._live.take_tracks(message, delivery.trace.origin):
-                    self._hub.tracks(self._live.erased.from_tracks(message))
+                    self._hub.tracks(*self._live.newest(message.area))
                 else:
                     self._tell_once(f"tracks of area {message.area}")
             elif isinstance(message, Alert):

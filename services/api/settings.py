@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SecretStr, field_validator
 from pydantic_settings import NoDecode
 
+from shared.proxies import ProxyAddresses
 from shared.settings import ServiceSettings
 
 __all__ = ["ALL_SCOPES", "DEMO_KEY", "READ_SCOPES", "ApiKey", "ApiSettings", "Scope", "default_api_database_url"]
@@ -39,6 +40,8 @@ notes who looked at an alert; ``webhooks`` says where alerts are sent; ``stills`
 sees pictures of cameras; ``setup`` saves calibrations and places of access points."""
 ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
 READ_SCOPES: tuple[Scope, ...] = ("positions", "alerts", "site", "health", "learning")
+PAGES_SCOPES: tuple[Scope, ...] = (*READ_SCOPES, "acknowledge", "zones-admin", "learning-admin", "stills", "setup")
+"""What the pages of the dashboard offer."""
 
 
 class ApiKey(BaseModel):
@@ -92,6 +95,14 @@ class ApiSettings(ServiceSettings):
         (ApiKey(name="demo", key=SecretStr(DEMO_KEY), scopes=ALL_SCOPES),),
         description='keys of the staff: KEY[,KEY] (may read everything) or JSON [{"name","key","scopes"}]',
     )
+    dashboard_key: Annotated[SecretStr | None, BeforeValidator(lambda value: value or None)] = Field(
+        None,
+        max_length=256,
+        description="key of the dashboard: may do all its pages offer; one of api_keys has the scopes it has there",
+    )
+    api_proxies: ProxyAddresses = Field(
+        [], description="addresses or networks of proxies in front: their X-Forwarded-* is believed; none by default"
+    )
     api_database_url: SecretStr = Field(
         default_factory=lambda: SecretStr(default_api_database_url()),
         description="sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME; the gateway's may be shared",
@@ -134,6 +145,14 @@ class ApiSettings(ServiceSettings):
         ["camera", "gateway", "fusion", "geofence", "learning", "history"],
         description="services whose absence is a problem",
     )
+
+    @property
+    def keys(self) -> tuple[ApiKey, ...]:
+        """All keys of the settings, each once."""
+        if self.dashboard_key is None or self.dashboard_key in [key.key for key in self.api_keys]:
+            return self.api_keys
+        scopes = ALL_SCOPES if self.dashboard_key.get_secret_value() == DEMO_KEY else PAGES_SCOPES
+        return (*self.api_keys, ApiKey(name="dashboard", key=self.dashboard_key, scopes=scopes))
 
     @field_validator("api_keys")
     @classmethod

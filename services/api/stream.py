@@ -9,21 +9,22 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import math
-import time
-from collections.abc import AsyncIterator
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Callable
 
 import msgspec
 from prometheus_client import Counter, Gauge
 
-from services.api.event_log import STATE, Entry, EventLog, Framing
-from services.api.event_views import of_device, of_zone
+from services.api.event_log import STATE, EventLog, Framing
+from services.api.problems import Problem
 from services.api.replies import TrackColumns
+from services.api.selection import Selection
+from services.api.track_memory import Since
 from shared.erased import Erased
 from shared.messages import TrackFrame
 
-__all__ = ["DROPPED", "Hub", "Reader", "Selection", "track_columns"]
+__all__ = ["DROPPED", "Hub", "Reader", "track_columns"]
 
 READERS = Gauge("atrium_stream_readers", "Streams open now")
 SKIPPED = Counter("atrium_stream_skipped_total", "Events a slow reader did not get, being told newer ones", ["event"])
@@ -32,9 +33,25 @@ HELD = Gauge("atrium_stream_log_bytes", "Memory the event log may take")
 
 LARGEST_SEND = 1 << 20
 """Bytes after which a reader is handed what there is so far."""
+LONGEST_LOOK = 500
+"""Events after which a reader lets others have their turn, wanted or not."""
+KEY_LOOKED_AT, KEY_AT_LATEST = 1.0, 2.0
+"""Seconds after which a reader's key is looked at again, with the next event or without one."""
+_OVERTAKEN = Problem(
+    type="urn:atrium:event-gone",
+    title="Read too slowly",
+    status=410,
+    detail="what comes next is no longer held: begin anew",
+)
+_STOPPING = Problem(
+    type="urn:atrium:stopping",
+    title="Stopping",
+    status=503,
+    detail="the API is stopping: come back in a moment",
+)
 
 
-def track_columns(frame: TrackFrame) -> TrackColumns:
+def track_columns(frame: TrackFrame, since: Since) -> TrackColumns:
     """Return a frame as the stream tells it."""
     return TrackColumns(
         area=frame.area,
@@ -47,35 +64,14 @@ def track_columns(frame: TrackFrame) -> TrackColumns:
         vy=frame.vy,
         state=list(frame.state),
         device=frame.device,
+        device_since=[
+            None if device is None or (track, device) not in since else round(since[track, device], 1)
+            for track, device in zip(frame.track, frame.device, strict=True)
+        ],
         probability=frame.probability,
+        quality=[round(quality, 2) for quality in frame.quality],
         accuracy=[_worst_sigma(*covariance) for covariance in frame.covariance],
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Selection:
-    """What a client wants to be told: these events; of one area, zone or device, where those are not None."""
-
-    events: frozenset[str]
-    area: str | None = None
-    zone: str | None = None
-    device: str | None = None
-
-    def framed(self, entry: Entry, framing: Framing) -> bytes | None:
-        """Return what is wanted of an event, as it travels; None: nothing."""
-        payload = entry.payload
-        if entry.event not in self.events or payload is None or (self.area is not None and entry.area != self.area):
-            return None
-        if self.zone is None and self.device is None:
-            return entry.framed(framing)
-        part: bytes | None = payload
-        if self.zone is not None:
-            part = of_zone(entry.event, payload, entry.zone, self.zone)
-        if part is not None and self.device is not None:
-            part = of_device(entry.event, part, self.device)
-        if part is None:
-            return None
-        return entry.framed(framing) if part is payload else framing(entry.id, entry.event, part)
 
 
 class Reader:
@@ -88,7 +84,7 @@ class Reader:
         after: id of the event it has read last.
         lossless: whether it is told everything, or of state the newest only.
         keep_alive: seconds of silence after which it is told that there is nothing.
-        until: wall clock at which its key ends, and the stream with it.
+        refused: says why its key opens nothing any more: the stream ends with it, within two seconds.
     """
 
     def __init__(
@@ -99,7 +95,7 @@ class Reader:
         after: int,
         lossless: bool,
         keep_alive: float,
-        until: float = math.inf,
+        refused: Callable[[], Problem | None] = lambda: None,
     ) -> None:
         self._log = log
         self._selection = selection
@@ -107,43 +103,59 @@ class Reader:
         self._after = after
         self._lossless = lossless
         self._keep_alive = keep_alive
-        self._until = until
+        self._refused = refused
         self._changed = asyncio.Event()
         self._closed = False
+        self.ended: Problem | None = None
+        """Why the stream ended; None: it goes on, or its client left."""
 
     def wake(self) -> None:
         """There is something new."""
         self._changed.set()
 
-    def close(self) -> None:
-        """End the stream after what is being sent."""
-        self._closed = True
+    def close(self, why: Problem | None = None) -> None:
+        """End the stream after what is being sent, and say why."""
+        self._closed, self.ended = True, why
         self._changed.set()
 
     async def chunks(self) -> AsyncIterator[bytes]:
-        """Yield events as they travel, nothing (``b""``) after a silence, until closed, overtaken or its key ends."""
+        """Yield events as they travel, nothing (``b""``) after a silence, until closed, overtaken or its key ends.
+
+        What it is told last, unless its client left, is the event ``ended``: why.
+        """
         loop = asyncio.get_running_loop()
-        told = loop.time()
-        while not self._closed and time.time() < self._until:
+        told, looked = loop.time(), -math.inf
+        while not self._closed:
+            if loop.time() >= looked + KEY_LOOKED_AT:
+                looked = loop.time()
+                if (refusal := self._refused()) is not None:
+                    self.close(refusal)
+                    break
             self._changed.clear()
             if self._log.refusal(self._after) is not None:
                 DROPPED.labels("overtaken").inc()
-                return
+                self.close(_OVERTAKEN)
+                break
             chunk = self._next()
-            if not chunk and self._after == self._log.newest:
-                with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout_at(told + self._keep_alive):
-                        await self._changed.wait()
+            if not chunk:
+                if self._after == self._log.newest:
+                    with contextlib.suppress(TimeoutError):
+                        async with asyncio.timeout_at(min(told + self._keep_alive, looked + KEY_AT_LATEST)):
+                            await self._changed.wait()
+                else:
+                    await asyncio.sleep(0)
                 if loop.time() < told + self._keep_alive:
                     continue
             yield chunk
             told = loop.time()
+        if self.ended is not None:
+            yield self._framing(None, "ended", msgspec.json.encode(self.ended))
 
     def _next(self) -> bytes:
-        """Return what comes next, up to a size, and go on behind it."""
+        """Return what comes next, up to a size and a number, and go on behind it."""
         told: dict[object, bytes] = {}
         size = 0
-        for entry in self._log.after(self._after):
+        for entry in itertools.islice(self._log.after(self._after), LONGEST_LOOK):
             self._after = entry.id
             framed = self._selection.framed(entry, self._framing)
             if framed is None:
@@ -179,7 +191,7 @@ class Hub:
         self._most = most
         self._readers: set[Reader] = set()
         self._next: dict[str, float] = {}
-        self._held: dict[str, TrackFrame] = {}
+        self._held: dict[str, tuple[TrackFrame, Since]] = {}
         self._closed = False
         HELD.set_function(lambda: float(log.bytes))
 
@@ -194,11 +206,11 @@ class Hub:
         framing: Framing,
         after: int | None = None,
         lossless: bool = False,
-        until: float = math.inf,
+        refused: Callable[[], Problem | None] = lambda: None,
     ) -> Reader:
-        """Return a new reader of what comes after event ``after``, None: from now on, ``until`` its key ends."""
+        """Return a new reader of what comes after event ``after``, None: from now on, until its key is refused."""
         behind = self.log.newest if after is None else after
-        reader = Reader(self.log, selection, framing, behind, lossless, self._keep_alive, until)
+        reader = Reader(self.log, selection, framing, behind, lossless, self._keep_alive, refused)
         self._readers.add(reader)
         READERS.inc()
         return reader
@@ -209,13 +221,13 @@ class Hub:
             self._readers.discard(reader)
             READERS.dec()
 
-    def tracks(self, frame: TrackFrame) -> None:
+    def tracks(self, frame: TrackFrame, since: Since) -> None:
         """Tell a frame now, or when its area's turn comes, unless a newer one is there by then."""
         loop = asyncio.get_running_loop()
         now = loop.time()
         due = self._next.get(frame.area, now)
         waiting = frame.area in self._held
-        self._held[frame.area] = frame
+        self._held[frame.area] = frame, since
         if waiting:
             return
         if due <= now:
@@ -237,21 +249,21 @@ class Hub:
         self.log.erase(device)
         erased = Erased()
         erased.add(device)
-        self._held = {area: erased.from_tracks(frame) for area, frame in self._held.items()}
+        self._held = {area: (erased.from_tracks(frame), since) for area, (frame, since) in self._held.items()}
 
     def close(self) -> None:
         """End all streams: the process is stopping."""
         self._closed = True
         for reader in self._readers:
-            reader.close()
+            reader.close(_STOPPING)
 
     def _send_tracks(self, area: str) -> None:
-        frame = self._held.pop(area, None)
-        if frame is None:
+        held = self._held.pop(area, None)
+        if held is None:
             return
         now = asyncio.get_running_loop().time()
         self._next[area] = max(self._next.get(area, now), now - self._interval) + self._interval
-        self.send("tracks", area, track_columns(frame), area)
+        self.send("tracks", area, track_columns(*held), area)
 
 
 def _worst_sigma(xx: float, xy: float, yy: float) -> float:

@@ -22,8 +22,8 @@ __all__ = ["NDJSON", "SSE", "Dialect", "StreamResponse", "converse"]
 
 log = structlog.get_logger(__name__)
 
-STALLED = 1013
-"""Close code of a WebSocket: try again later."""
+CLOSE_CODES = {401: 1008, 410: 1013, 503: 1001}
+"""Of a WebSocket, by the status that the last word has: not allowed, try again later, going away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ async def converse(websocket: WebSocket, hub: Hub, reader: Reader, first: list[b
                 await _tell(websocket, line, patience)
         with contextlib.suppress(RuntimeError, WebSocketDisconnect):
             async with asyncio.timeout(patience):
-                await websocket.close()
+                await websocket.close(CLOSE_CODES[reader.ended.status] if reader.ended is not None else 1000)
     except TimeoutError:
         DROPPED.labels("stalled").inc()
         log.info("a stream was ended: its client reads nothing", patience=patience)

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import msgspec
-from fastapi import APIRouter, Query, Request, WebSocket
+from fastapi import APIRouter, Depends, Query, Request, WebSocket
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
 from services.api.alerts.past_alerts import PastAlerts
-from services.api.auth import Holder
+from services.api.auth import Holder, KeyRing, presented_key
 from services.api.event_log import NO_LONGER, NOT_YET, Entry, Framing, ndjson_event
 from services.api.live_state import LiveState
 from services.api.openapi import error
+from services.api.place_filter import NEAR, Place, circle
 from services.api.problems import Problem, ProblemError, problem_response, unknown
 from services.api.request_body import invalid
+from services.api.selection import Selection
 from services.api.settings import Scope
-from services.api.stream import Hub, Reader, Selection
+from services.api.stream import Hub, Reader
 from services.api.stream_replies import NDJSON, SSE, Dialect, StreamResponse, converse
 from shared.keys import is_identifier
 from shared.site import Site
@@ -38,26 +39,57 @@ EVENT_SCOPES: dict[str, Scope] = {
 """Every kind of event and the scope it needs."""
 _EXAMPLE = (
     '{"area":"hall","t":1767225600.2,"floor":["ground"],"track":[12],"x":[9.41],"y":[3.2],"vx":[0.9],"vy":[0.1],'
-    '"state":["confirmed"],"device":["d-7f3a"],"probability":[0.97],"accuracy":[0.12]}'
+    '"state":["confirmed"],"device":["d-7f3a"],"device_since":[1767225561.4],"probability":[0.97],'
+    '"quality":[0.9],"accuracy":[0.12]}'
 )
 _LINES = {"schema": {"type": "string"}, "example": f'{{"id":1767225600000041,"event":"tracks","data":{_EXAMPLE}}}\n'}
 _EVENTS = {"schema": {"type": "string"}, "example": f"event: tracks\nid: 1767225600000041\ndata: {_EXAMPLE}\n\n"}
 _TOLD = (
     "Events `tracks` (TrackColumns), `revision` (Revision), `alert` (Alert), `acknowledged` (Acknowledged), `camera` "
-    "(CameraReport) and `occupancy` (Occupancy), until you leave."
+    "(CameraReport) and `occupancy` (Occupancy), until you leave; last, where it ends here, `ended` (Problem): why."
 )
 
-_Kinds = Annotated[str | None, Query(description="only these kinds of events, with commas; by default all you may")]
-_Area = Annotated[str | None, Query(description="only what is of this area")]
-_Zone = Annotated[str | None, Query(description="only alerts and counts of this zone")]
-_Device = Annotated[str | None, Query(description="only this device's rows, revisions and alerts")]
-_From = Annotated[
-    str | None,
-    Query(
-        alias="from",
-        description="id of an event, or oldest: everything after it, in order and without loss (410: gone)",
-    ),
-]
+
+@dataclass(frozen=True, slots=True)
+class _Question:
+    """What the query of a stream says."""
+
+    kinds: str | None
+    area: str | None
+    zone: str | None
+    near: str | None
+    floor: str | None
+    device: str | None
+    confidence: float
+    since: str | None
+
+
+def _question(
+    kinds: Annotated[
+        str | None, Query(description="only these kinds of events, with commas; by default all you may")
+    ] = None,
+    area: Annotated[str | None, Query(description="only what is of this area")] = None,
+    zone: Annotated[
+        str | None, Query(description="only people in this zone, revised points in it, its alerts and its count")
+    ] = None,
+    near: Annotated[
+        str | None, Query(max_length=100, description=f"only people, revised points and alerts there; {NEAR}")
+    ] = None,
+    floor: Annotated[str | None, Query(description="only people, revised points and alerts on this floor")] = None,
+    device: Annotated[str | None, Query(description="only this device's rows, revisions and alerts")] = None,
+    confidence: Annotated[float, Query(ge=0.0, le=1.0, description="only people tracked with this quality")] = 0.0,
+    since: Annotated[
+        str | None,
+        Query(
+            alias="from",
+            description="id of an event, or oldest: everything after it, in order and without loss (410: gone)",
+        ),
+    ] = None,
+) -> _Question:
+    return _Question(kinds, area, zone, near, floor, device, confidence, since)
+
+
+_Wanted = Annotated[_Question, Depends(_question)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,13 +99,11 @@ class _Asked:
     lossless: bool
     past: tuple[Entry, ...] = ()
     """Alerts from before the log begins."""
-    until: float = math.inf
-    """Wall clock at which the key ends."""
     lost: bool = False
     """Whether who comes back missed what is gone."""
 
 
-def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience: float) -> APIRouter:
+def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience: float, ring: KeyRing) -> APIRouter:
     """Return the three routes.
 
     Args:
@@ -82,28 +112,26 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
         hub: where readers join.
         alerts: what the log no longer holds.
         patience: seconds after which a client that takes nothing is dropped.
+        ring: asked, while a stream is open, whether its key still holds.
     """
     router = APIRouter(prefix="/v1", default_response_class=Response)
-    areas = [area.id for area in site.areas]
+    areas = {area.id: area.floor for area in site.areas}
+    floors = [floor.id for floor in site.floors]
 
-    async def asked(
-        connection: HTTPConnection,
-        kinds: str | None,
-        area: str | None,
-        zone: str | None,
-        device: str | None,
-        since: str | None,
-    ) -> _Asked:
+    async def asked(connection: HTTPConnection, wanted: _Question) -> _Asked:
+        area, device = wanted.area, wanted.device
         if area is not None and area not in areas:
-            raise unknown("area", area, areas)
-        for field, name in (("zone", zone), ("device", device)):
-            if name is not None and not is_identifier(name):
-                raise invalid(field, repr(name[:64]), "an id: 1 to 64 letters, digits, '_', '.' and '-'")
+            raise unknown("area", area, list(areas))
+        if device is not None and not is_identifier(device):
+            raise invalid("device", repr(device[:64]), "an id: 1 to 64 letters, digits, '_', '.' and '-'")
+        place = Place(wanted.zone, None if wanted.near is None else circle(wanted.near), wanted.floor)
+        place.check(live.zones, floors)
         if hub.full:
             raise _full()
-        selection = Selection(_events(connection.state.holder, kinds), area, zone, device)
-        if since is not None:
-            return await resumed(selection, since)
+        events = _events(connection.state.holder, wanted.kinds)
+        selection = Selection(events, area, device, place, wanted.confidence, lambda: live.zones, areas)
+        if wanted.since is not None:
+            return await resumed(selection, wanted.since)
         last = connection.headers.get("last-event-id", "")
         if not last:
             return _Asked(selection, None, lossless=False)
@@ -116,9 +144,6 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
         first = hub.log.oldest
         past = await alerts.between(number, first) if "alert" in selection.events else []
         return _Asked(selection, first - 1, lossless=False, past=tuple(past or ()), lost=True)
-
-    async def held(connection: HTTPConnection, *wanted: str | None) -> _Asked:
-        return replace(await asked(connection, *wanted), until=connection.state.holder.expires)
 
     async def resumed(selection: Selection, since: str) -> _Asked:
         """Return where to go on without loss; of alerts alone also from before the log begins."""
@@ -136,9 +161,10 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
                 return _Asked(selection, first - 1, lossless=True, past=tuple(past))
         raise _gone(hub, since, reason)
 
-    def opened(ask: _Asked, framing: Framing) -> tuple[Reader, list[bytes]]:
+    def opened(connection: HTTPConnection, ask: _Asked, framing: Framing) -> tuple[Reader, list[bytes]]:
         """Return a new reader, and what it is told first: the present, unless it resumes without loss."""
-        reader = hub.join(ask.selection, framing, ask.after, ask.lossless, ask.until)
+        key = presented_key(connection.scope)
+        reader = hub.join(ask.selection, framing, ask.after, ask.lossless, lambda: ring.refusal(key))
         past = [framed for e in ask.past if (framed := ask.selection.framed(e, framing)) is not None]
         if ask.lossless:
             return reader, past
@@ -146,15 +172,15 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
         if ask.lost:
             first.append(framing(None, "lost", b'{"oldest":%d,"newest":%d}' % (hub.log.oldest, hub.log.newest)))
         first += past
-        if "camera" in ask.selection.events and ask.selection.zone is None and ask.selection.device is None:
+        if ask.selection.of_cameras:
             reports = [report for report in live.cameras(time.time()) if ask.selection.area in (None, report.area)]
             first += [framing(None, "camera", msgspec.json.encode(report)) for report in reports]
         present = sorted([*hub.log.present("tracks"), *hub.log.present("occupancy")], key=lambda entry: entry.id)
         wanted = [entry for entry in present if ask.after is None or entry.id <= ask.after]
         return reader, first + [framed for e in wanted if (framed := ask.selection.framed(e, framing)) is not None]
 
-    def answer(ask: _Asked, dialect: Dialect) -> Response:
-        reader, first = opened(ask, dialect.framing)
+    async def answer(request: Request, wanted: _Question, dialect: Dialect) -> Response:
+        reader, first = opened(request, await asked(request, wanted), dialect.framing)
         return StreamResponse(hub, reader, dialect, first, patience)
 
     @router.get(
@@ -163,14 +189,7 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
         response_class=Response,
         responses=_answers({"text/event-stream": _EVENTS, "application/x-ndjson": _LINES}),
     )
-    async def stream(
-        request: Request,
-        kinds: _Kinds = None,
-        area: _Area = None,
-        zone: _Zone = None,
-        device: _Device = None,
-        since: _From = None,
-    ) -> Response:
+    async def stream(request: Request, wanted: _Wanted) -> Response:
         """Server-sent events: the present state first, then every change; lines of JSON if you accept only those.
 
         An event "tracks" comes once per frame of an area, at most ten times a second; a slow reader gets the newest.
@@ -180,37 +199,23 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
         """
         accepts = request.headers.get("accept", "")
         lines = NDJSON.media_type in accepts and SSE.media_type not in accepts
-        return answer(await held(request, kinds, area, zone, device, since), NDJSON if lines else SSE)
+        return await answer(request, wanted, NDJSON if lines else SSE)
 
     @router.get("/events", tags=["stream"], response_class=Response, responses=_answers({NDJSON.media_type: _LINES}))
-    async def events(
-        request: Request,
-        kinds: _Kinds = None,
-        area: _Area = None,
-        zone: _Zone = None,
-        device: _Device = None,
-        since: _From = None,
-    ) -> Response:
+    async def events(request: Request, wanted: _Wanted) -> Response:
         """The same as lines of JSON with id, event and data; an empty line says that there is nothing new."""
-        return answer(await held(request, kinds, area, zone, device, since), NDJSON)
+        return await answer(request, wanted, NDJSON)
 
     @router.websocket("/ws")
-    async def socket(
-        websocket: WebSocket,
-        kinds: _Kinds = None,
-        area: _Area = None,
-        zone: _Zone = None,
-        device: _Device = None,
-        since: _From = None,
-    ) -> None:
+    async def socket(websocket: WebSocket, wanted: _Wanted) -> None:
         """Send the same as text messages, one event each."""
         try:
-            ask = await held(websocket, kinds, area, zone, device, since)
+            ask = await asked(websocket, wanted)
         except ProblemError as refused:
             await websocket.send_denial_response(problem_response(refused.problem, refused.headers))
             return
         await websocket.accept()
-        reader, first = opened(ask, ndjson_event)
+        reader, first = opened(websocket, ask, ndjson_event)
         await converse(websocket, hub, reader, first, patience)
 
     return router
@@ -218,7 +223,7 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
 
 def _answers(content: dict[str, Any]) -> dict[int | str, dict[str, Any]]:
     told: dict[int | str, dict[str, Any]] = {200: {"description": _TOLD, "content": content}}
-    return told | {status: error(status) for status in (401, 403, 404, 410, 422, 503)}
+    return told | {status: error(status) for status in (401, 403, 404, 410, 422, 429, 503)}
 
 
 def _events(holder: Holder, kinds: str | None) -> frozenset[str]:

@@ -30,6 +30,7 @@ _BODY = """
       <option value="604800">the last week</option>
     </select></label>
   </div>
+  <p id="inbox-lacking" class="hint" hidden></p>
   <p id="inbox-problem" class="problem" role="alert" hidden></p>
   <ul id="inbox-rows" class="alerts" data-empty="Nothing of that kind."
     aria-live="polite" aria-relevant="additions"></ul>

@@ -60,7 +60,8 @@ class DashboardService(Service[DashboardSettings]):
         add_setup_relay(app, settings.api_url, api_key)
         add_setup_pages(title, can_sign_out)
         add_page(app, title, can_sign_out)
-        serve(app, settings.dashboard_host, settings.dashboard_port, self.stopping)
+        proxies = settings.dashboard_proxies
+        serve(app, settings.dashboard_host, settings.dashboard_port, self.stopping, proxies=proxies)
 
     def stop(self) -> None:
         """End the browsers' streams first: the server waits for them."""

@@ -7,6 +7,7 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, SecretStr
 
+from shared.proxies import ProxyAddresses
 from shared.settings import ServiceSettings
 
 __all__ = ["DashboardSettings"]
@@ -28,6 +29,9 @@ class DashboardSettings(ServiceSettings):
 
     dashboard_host: str = Field("127.0.0.1", description="where browsers reach the dashboard")
     dashboard_port: int = Field(8082, ge=0, le=65535, description="0: any free port, printed at start")
+    dashboard_proxies: ProxyAddresses = Field(
+        [], description="addresses or networks of proxies in front: their X-Forwarded-* is believed; none by default"
+    )
     api_url: Annotated[str, AfterValidator(_http_url)] = Field(
         "http://127.0.0.1:8081", description="the API service, as seen from this process"
     )

@@ -30,6 +30,7 @@ from shared.http_server import Tls, serve
 from shared.messages import Alert, TrackFrame
 from shared.runner import Service, ServiceError
 from shared.settings import ServiceSettings
+from shared.zones import ZoneSet
 
 __all__ = ["GatewayService"]
 
@@ -89,6 +90,7 @@ class GatewayService(Service[GatewaySettings]):
         inbox = self.bus.inbox(1000)
         inbox.subscribe(self.keys.tracks(), TrackFrame, newest=True)
         inbox.subscribe(self.keys.alert(), Alert, cached=True)
+        inbox.subscribe(self.keys.zones(), ZoneSet, cached=True)
         threads = [
             threading.Thread(target=self._follow, args=(inbox, positions, alerts), name="own data", daemon=True),
             threading.Thread(target=self._rest, args=(phones, store), name="rest", daemon=True),
@@ -165,6 +167,9 @@ class GatewayService(Service[GatewaySettings]):
                     positions.take(delivery.message, now)
                 elif isinstance(delivery.message, Alert):
                     alerts.take(delivery.message, now)
+                elif isinstance(delivery.message, ZoneSet):
+                    positions.draw(delivery.message.zones)
+                    alerts.draw(delivery.message.zones)
             positions.forget_old(time.monotonic())
             alerts.forget_old(time.monotonic())
 

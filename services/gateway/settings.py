@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, SecretStr, ValidationInfo, field_va
 from services.gateway.adapters.mqtt_broker import Broker, check_filter
 from services.gateway.devices.tokens import keys_of
 from services.gateway.phones.batch_check import Limits
+from shared.proxies import ProxyAddresses
 from shared.settings import ServiceSettings
 
 __all__ = ["GatewaySettings", "default_database_url"]
@@ -49,7 +50,7 @@ class GatewaySettings(ServiceSettings):
     tls_certificate: OptionalPath = Field(None, description="PEM file of the certificate chain: phones use HTTPS")
     tls_key: OptionalPath = Field(None, description="PEM file of the certificate's key")
     behind_proxy: bool = Field(False, description="a proxy in front ends TLS; the gateway itself may speak plain HTTP")
-    proxy_addresses: list[str] = Field(
+    proxy_addresses: ProxyAddresses = Field(
         ["127.0.0.1", "::1"],
         min_length=1,
         description="addresses or networks of that proxy: its X-Forwarded-* is believed",
@@ -131,13 +132,6 @@ class GatewaySettings(ServiceSettings):
     def _broker(cls, value: SecretStr | None) -> SecretStr | None:
         if value is not None:
             Broker.of(value.get_secret_value())
-        return value
-
-    @field_validator("proxy_addresses")
-    @classmethod
-    def _networks(cls, value: list[str]) -> list[str]:
-        for text in value:
-            ipaddress.ip_network(text)
         return value
 
     @field_validator("mqtt_topics")

@@ -181,6 +181,25 @@ def test_an_alert_arrives_by_itself_and_is_acknowledged_once(
     wait_until(lambda: browser.execute_script(there) == browser.execute_script(middle), 20, "the place on the map")
 
 
+def test_who_may_only_look_is_told_so_and_has_no_dead_buttons(system: tuple[str, Double], browser: WebDriver) -> None:
+    url, double = system
+    double.raise_alert()
+    double.scopes, before = [], double.scopes
+    try:
+        browser.get(f"{url}/alerts")
+        wait_until(lambda: _alerts(browser), 20, "an alert")
+        assert "lacks the scope acknowledge" in browser.find_element(By.ID, "inbox-lacking").text
+        assert not browser.find_elements(By.CSS_SELECTOR, "#inbox-rows button")
+        open_zones(url, browser)
+        assert "lacks the scope zones-admin" in browser.find_element(By.ID, "zones-hint").text
+        assert not browser.find_element(By.ID, "zones-area").is_displayed()
+        browser.find_element(By.CSS_SELECTOR, "#zones-list button").click()
+        wait_until(lambda: _found(browser, "#zone-name"), 5, "the form")
+        assert not browser.find_elements(By.CSS_SELECTOR, "#zones-form .save")
+    finally:
+        double.scopes = before
+
+
 def test_the_heat_map_is_drawn_and_saved_as_picture_and_numbers(
     system: tuple[str, Double], browser: WebDriver, downloads: Path, tmp_path: Path
 ) -> None:
@@ -241,7 +260,7 @@ def test_a_person_is_chosen_by_click_or_key_and_explained(
     wait_until(clicked, 10, "the evidence")
     panel = browser.find_element(By.ID, "atrium-evidence")
     wait_until(lambda: "Phone 20e4, 5 %" in panel.text, 5, "the runner-up")
-    for words in ("93 %", "7, 9", "within 0.6 m", "A camera sees this person now."):
+    for words in ("93 %", "7, 9", "within 0.6 m", "A camera sees this person now.", "hall-east", "without a break"):
         assert words in panel.text
     browser.save_screenshot(str(tmp_path / "evidence.png"))
     canvas.send_keys(Key.ESCAPE)

@@ -20,7 +20,7 @@ from postgres_server import postgres
 from test_api_live import DEADLINE, KEY, KEYS, alert, frame
 from waiting import wait_until
 from webhook_receiver import Receiver, receiver
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from services.api.stream import DROPPED, READERS
@@ -78,6 +78,8 @@ class Lines:
     def __init__(self, address: str, path: str, key: str = "demo-api-key") -> None:
         self.seen: list[dict[str, object]] = []
         self.silences = 0
+        self.code: int | None = None
+        """Close code of a WebSocket."""
         self._closing = threading.Event()
         self._headers = {"X-API-Key": key, "Accept": "application/x-ndjson"}
         self._url = address + path
@@ -103,6 +105,9 @@ class Lines:
                         self.seen.append(json.loads(opened.recv(timeout=0.1)))
                     except TimeoutError:
                         self.silences += 1
+                    except ConnectionClosed:
+                        break
+            self.code = opened.close_code
             return
         with httpx.stream("GET", self._url, headers=self._headers, timeout=DEADLINE) as reply:
             assert reply.headers["Content-Type"].startswith("application/x-ndjson")
@@ -122,7 +127,7 @@ def test_every_form_of_the_stream_tells_the_same_events_under_the_same_ids(
     readers = [Lines(address, "/v1/stream"), Lines(address, "/v1/events"), Lines(sockets, "/v1/ws")]
     some = [
         Lines(address, "/v1/events?kinds=alert&zone=entrance"),
-        Lines(address, "/v1/events?zone=elsewhere"),
+        Lines(address, "/v1/events?zone=model-corner"),
         Lines(sockets, "/v1/ws?device=phone-1&kinds=tracks"),
         Lines(address, "/v1/events", TOLD_BY_ONE),
     ]
@@ -149,7 +154,8 @@ def test_every_form_of_the_stream_tells_the_same_events_under_the_same_ids(
     assert ids == sorted(set(ids)), "unique and in order"
     wait_until(lambda: len(some[0].seen) == number, DEADLINE, "the alerts of one zone")
     assert {told["event"] for told in some[0].seen} == {"alert"}
-    assert some[1].seen == []
+    assert {told["event"] for told in some[1].seen} == {"tracks"}
+    assert all(told["track"] == [] for told in some[1].of("tracks")), "nobody is there"
     wait_until(lambda: some[2].seen, DEADLINE, "rows of one device")
     assert {tuple(told["device"]) for told in some[2].of("tracks")} == {("phone-1",)}  # type: ignore[arg-type]
     assert {told["event"] for told in some[3].seen} == {"alert"}, "what the key may not be told is left out"
@@ -222,7 +228,9 @@ def test_alerts_are_resumed_over_a_restart_and_the_rest_is_told_to_be_lost(
 def test_bad_questions_to_streams_are_refused_in_every_form(address: str) -> None:
     for query, status, field in (
         ("area=nowhere", 404, "area"),
-        ("zone=no%20zone", 422, "zone"),
+        ("zone=nowhere", 404, "zone"),
+        ("near=1,2", 422, "near"),
+        ("confidence=2", 422, "confidence"),
         ("device=%00", 422, "device"),
         ("kinds=alert,rumour", 422, "kinds"),
         ("kinds=", 422, "kinds"),
@@ -354,8 +362,9 @@ def outside() -> Iterator[Receiver]:
 
 def webhook(address: str, url: str, **more: object) -> dict[str, object]:
     answer = httpx.post(f"{address}/v1/webhooks", headers=KEY, json={"url": url, **more})
-    assert answer.status_code == 200, answer.text
+    assert answer.status_code == 201, answer.text
     made: dict[str, object] = answer.json()
+    assert answer.headers["Location"] == f"/v1/webhooks/{made['id']}"
     return made
 
 
@@ -412,7 +421,7 @@ def test_webhooks_are_signed_tried_again_given_up_and_replayed_and_the_slow_hold
     listed = httpx.get(f"{address}/v1/webhooks", headers=KEY).json()["webhooks"]
     assert "secret" not in listed[0]
     for hook in listed:
-        assert httpx.delete(f"{address}/v1/webhooks/{hook['id']}", headers=KEY).status_code == 200
+        assert httpx.delete(f"{address}/v1/webhooks/{hook['id']}", headers=KEY).status_code == 204
     assert httpx.get(f"{address}/v1/webhooks", headers=KEY).json()["webhooks"] == []
 
 
@@ -474,7 +483,7 @@ def test_a_database_that_goes_away_loses_no_alert_and_holds_up_no_stream(
         for path in ("alerts", "webhooks"):
             away = httpx.get(f"{address}/v1/{path}", headers=KEY, timeout=DEADLINE)
             assert (away.status_code, away.headers["Retry-After"]) == (503, "5")
-            assert away.json()["type"] == "urn:atrium:storage-away"
+            assert away.json()["type"] == "urn:atrium:database-away"
         assert httpx.get(f"{address}/v1/positions", headers=KEY).status_code == 200
         server.start()
         url = f"{address}/v1/alerts/a-701"
@@ -483,11 +492,18 @@ def test_a_database_that_goes_away_loses_no_alert_and_holds_up_no_stream(
         listening.close()
 
 
-def test_a_stream_ends_with_its_key(address: str) -> None:
-    wanted = {"name": "guide-app", "scopes": ["positions"], "expires": time.time() + 1.0}
-    key = httpx.post(f"{address}/v1/keys", headers=KEY, json=wanted).json()["key"]
-    listening = Lines(address, "/v1/events", key)
-    wait_until(lambda: listening.silences, DEADLINE, "the stream")
-    wait_until(lambda: listening.ended, DEADLINE, "its end")
-    assert time.time() >= wanted["expires"]  # type: ignore[operator]
-    assert httpx.get(f"{address}/v1/events", headers={"X-API-Key": key}).status_code == 401
+def test_a_stream_ends_with_its_key_in_every_form_and_says_why(address: str) -> None:
+    wanted = {"name": "guide-app", "scopes": ["positions"]}
+    soon = {"expires": time.time() + 1.0}
+    for last, path in ((soon, "/v1/events"), ({}, "/v1/events"), ({}, "/v1/ws")):
+        made = httpx.post(f"{address}/v1/keys", headers=KEY, json=wanted | last).json()
+        listening = Lines(address if path != "/v1/ws" else address.replace("http", "ws"), path, made["key"])
+        wait_until(lambda: listening.silences or listening.seen, DEADLINE, "the stream")  # noqa: B023
+        if not last:
+            httpx.delete(f"{address}/v1/keys/{made['id']}", headers=KEY)
+        asked = time.monotonic()
+        wait_until(lambda: listening.ended, DEADLINE, "its end")  # noqa: B023
+        assert time.monotonic() - asked < 5.0
+        assert [one["type"] for one in listening.of("ended")] == ["urn:atrium:unauthorized"]
+        assert httpx.get(f"{address}{path}", headers={"X-API-Key": made["key"]}).status_code in (401, 404)
+    assert listening.code == 1008

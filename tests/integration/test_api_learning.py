@@ -102,9 +102,9 @@ def test_history_comes_in_pages_that_lose_nothing(system: tuple[str, Double]) ->
     while True:
         page = get(address, f"/history{query}")
         seen += page["history"]  # type: ignore[arg-type]
-        if page["before"] is None:
+        if page["next"] is None:
             break
-        query = f"?limit=4&before={page['before']}"
+        query = f"?limit=4&before={page['next']}"
     assert seen == msgspec.to_builtins(double.report.history)
     assert {row["decision"] for row in get(address, "/history?kind=radio")["history"]} == {"activated", "refused"}  # type: ignore[attr-defined]
     assert len(get(address, "/history?subject=hall-east")["history"]) == 2  # type: ignore[arg-type]

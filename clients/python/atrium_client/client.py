@@ -213,7 +213,17 @@ class AtriumClient:
         return self._document("/health", {})
 
     def events(
-        self, *, kinds: Collection[str] = (), area: str | None = None, after: str = "", lossless: bool = False
+        self,
+        *,
+        kinds: Collection[str] = (),
+        area: str | None = None,
+        device: str | None = None,
+        confidence: float | None = None,
+        zone: str | None = None,
+        near: tuple[float, float, float] | None = None,
+        floor: str | None = None,
+        after: str = "",
+        lossless: bool = False,
     ) -> Iterator[Event]:
         """Yield what happens, the present first, for ever: a connection that is lost is asked for again.
 
@@ -222,6 +232,11 @@ class AtriumClient:
         Args:
             kinds: only these, such as ``alert``; none: all that the key may see.
             area: only this area.
+            device: only this one's rows, revisions and alerts.
+            confidence: only people tracked with at least this quality.
+            zone: only what is in this zone, as of ``positions``; ``near`` and ``floor`` likewise.
+            near: x, y and radius in metres; where the site has several floors, with ``floor``.
+            floor: only on this floor.
             after: id of an event to go on after.
             lossless: after a loss, be told every event since, also positions that are old by now.
 
@@ -229,12 +244,16 @@ class AtriumClient:
             AtriumError: the API refuses, for another reason than that it is busy or away; 410: with ``lossless``, what
                 came after the last event is held no more.
         """
+        asked = {"kinds": ",".join(kinds), "area": area, "device": device, "confidence": confidence, "zone": zone}
+        asked |= {"near": _listed(near), "floor": floor}
+        params = {name: value for name, value in asked.items() if value not in (None, "")}
         pause = FIRST_PAUSE
         while True:
             try:
-                for event in self._connected(kinds, area, after, lossless):
+                for event in self._connected(params, after, lossless):
                     pause = FIRST_PAUSE
-                    if event is not None and (not kinds or event.name in kinds):
+                    # "ended" is for this client: it asks again, and hears it where its key is refused.
+                    if event is not None and event.name != "ended" and (not kinds or event.name in kinds):
                         after = event.id or after
                         yield event
             except httpx.TransportError:
@@ -246,12 +265,10 @@ class AtriumClient:
             time.sleep(pause)
             pause = min(2.0 * pause, LONGEST_PAUSE)
 
-    def _connected(
-        self, kinds: Collection[str], area: str | None, after: str, lossless: bool
-    ) -> Iterator[Event | None]:
+    def _connected(self, params: dict[str, Any], after: str, lossless: bool) -> Iterator[Event | None]:
         headers = {"Last-Event-ID": after} if after else {}
-        asked = {"kinds": ",".join(kinds), "area": area, "from": after if lossless else None}
-        params = {name: value for name, value in asked.items() if value}
+        if lossless and after:
+            params = params | {"from": after}
         timeout = httpx.Timeout(self._http.timeout.connect, read=SILENCE)
         with self._http.stream("GET", "/stream", params=params, headers=headers, timeout=timeout) as response:
             if response.is_error:

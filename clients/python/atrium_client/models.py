@@ -60,7 +60,16 @@ class Track(msgspec.Struct, frozen=True, kw_only=True):
     state: str
     device: str | None
     probability: float
+    """Of ``device`` being right; where it is None, of the person carrying none of the known ones."""
     quality: float
+    device_since: float | None = None
+    """Since when ``device`` has been this person's, without a break."""
+    runner_up: str | None = None
+    runner_up_probability: float = 0.0
+    former: list[int] = msgspec.field(default_factory=list)
+    """Earlier numbers of the same person, oldest first."""
+    sources: list[str] = msgspec.field(default_factory=list)
+    """Cameras that saw the person, and phones that told of them, in the last second."""
 
 
 class Device(msgspec.Struct, frozen=True, kw_only=True):

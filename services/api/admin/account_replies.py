@@ -157,8 +157,8 @@ class AuditEntry(Reply, frozen=True, kw_only=True):
 
 
 class AuditPage(Reply, frozen=True, kw_only=True):
-    """Entries, newest first; ``before`` asks for the next page, null: there is none."""
+    """Entries, newest first; ``next``, as ``before``, asks for the next page, null: there is none."""
 
     t: float
     entries: list[AuditEntry]
-    before: int | None
+    next: int | None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from urllib.parse import quote
 
 import msgspec
 from fastapi import APIRouter, Request
@@ -77,7 +78,7 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
         _may_give(request.state.holder, wanted.role)
         user = await run_in_threadpool(accounts.let_in, wanted.name, wanted.role, wanted.password)
         request.state.audit = f"{user.name} as {user.role}"
-        return _json(StaffMember(**vars(user)), 201)
+        return _json(StaffMember(**vars(user)), 201, {"Location": f"/v1/users/{quote(user.name)}"})
 
     @router.put(
         "/users/{name}",

@@ -78,7 +78,10 @@ class Administration:
         self._view = site_view(site, [])
         self.site_json = b""
         """The ready body of ``GET /v1/site``."""
+        self.exhibits_json = b""
+        """The ready body of ``GET /v1/exhibits``."""
         self.redraw()
+        self.relist()
 
     @classmethod
     def open(
@@ -100,6 +103,11 @@ class Administration:
         self.live.draw(ZonesDrawn([entry.definition for entry in entries], [entry.etag for entry in entries]))
         zones = [zone_view(entry.definition) for entry in entries]
         self.site_json = msgspec.json.encode(msgspec.structs.replace(self._view, zones=zones))
+
+    def relist(self) -> None:
+        """Let the list of exhibits follow them; called in the event loop."""
+        exhibits = [_exhibit(entry) for entry in self.exhibits.entries.values()]
+        self.exhibits_json = msgspec.json.encode(Exhibits(t=time.time(), exhibits=exhibits))
 
     def viewing_places(self) -> list[ZoneDefinition]:
         """Return where people stand who look at the exhibits, an area for each: what dwell at exhibits is asked of."""
@@ -138,14 +146,10 @@ def admin_routes(admin: Administration) -> APIRouter:
         except KeyError:  # taken out again by somebody else meanwhile
             raise unknown("zone", entry.definition.id) from None
 
-    def every_exhibit() -> bytes:
-        exhibits = [_exhibit(entry) for entry in admin.exhibits.entries.values()]
-        return msgspec.json.encode(Exhibits(t=time.time(), exhibits=exhibits))
-
     zones = Answers(ZoneReport, Zones, zone, lambda: admin.live.zones_json(time.time()))
-    exhibits = Answers(Exhibit, Exhibits, _exhibit, every_exhibit)
+    exhibits = Answers(Exhibit, Exhibits, _exhibit, lambda: admin.exhibits_json)
     router.include_router(catalogue_routes(admin.site, ZONE, admin.zones, zones, admin.redraw))
-    router.include_router(catalogue_routes(admin.site, EXHIBIT, admin.exhibits, exhibits, lambda: None))
+    router.include_router(catalogue_routes(admin.site, EXHIBIT, admin.exhibits, exhibits, admin.relist))
     router.include_router(account_routes(admin.accounts, admin.settings.key_rate))
     router.include_router(session_routes(admin.accounts))
     router.include_router(audit_route(admin.audit, admin.engine))

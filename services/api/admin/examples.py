@@ -121,7 +121,7 @@ ADMIN_EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
                 "detail": "",
             }
         ],
-        "before": None,
+        "next": None,
     },
     Exhibits: {"t": 1767225600.28, "exhibits": [{**_EXHIBIT, "etag": '"a1b2c3d4e5f60718a1"'}]},
 }

@@ -14,7 +14,6 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from services.api.alerts.receiver_address import AddressError, Network, Resolve, check_url
-from services.api.alerts.storage_away import storage_away
 from services.api.alerts.webhook_replies import (
     DeadLetters,
     NewWebhook,
@@ -24,7 +23,8 @@ from services.api.alerts.webhook_replies import (
     Webhooks,
 )
 from services.api.alerts.webhook_store import TooManyError, WebhookStore
-from services.api.openapi import documented
+from services.api.database_away import database_away
+from services.api.openapi import GONE, created, documented, errors
 from services.api.problems import Problem, ProblemError, unknown
 from services.api.request_body import described, invalid, read_body, read_object
 from shared.keys import is_identifier
@@ -59,7 +59,7 @@ def webhook_routes(
         try:
             if not is_identifier(webhook):
                 raise KeyError(webhook)
-            with storage_away(engine):
+            with database_away(engine):
                 return ask(webhook)
         except KeyError:
             raise unknown("webhook", webhook) from None
@@ -75,12 +75,13 @@ def webhook_routes(
     @router.get("", responses=documented(Webhooks, 503))
     def webhooks() -> Response:
         """All webhooks and how they are doing."""
-        with storage_away(engine):
+        with database_away(engine):
             return _json(Webhooks(t=time.time(), webhooks=store.all()))
 
     @router.post(
         "",
-        responses=documented(NewWebhook, 409, 413, 422, 503),
+        status_code=201,
+        responses=created(NewWebhook, 409, 413, 422, 503),
         openapi_extra=described(WebhookDefinition, _EXAMPLE),
     )
     async def create(request: Request) -> Response:
@@ -89,7 +90,7 @@ def webhook_routes(
         by: str = request.state.holder.name
 
         def write() -> NewWebhook:
-            with storage_away(engine):
+            with database_away(engine):
                 return store.create(definition, by, time.time())
 
         try:
@@ -99,7 +100,7 @@ def webhook_routes(
                 Problem(type="urn:atrium:too-many-webhooks", title="Too many", status=409, detail=str(error))
             ) from error
         log.warning("a webhook was made", webhook=made.id, url=made.url, by=by)
-        return _json(made)
+        return _json(made, 201, {"Location": f"/v1/webhooks/{made.id}"})
 
     @router.get("/{webhook}", responses=documented(Webhook, 404, 503))
     def one(webhook: str) -> Response:
@@ -119,9 +120,9 @@ def webhook_routes(
         wake()
         return _json(told)
 
-    @router.delete("/{webhook}", responses=documented(Webhook, 404, 503))
+    @router.delete("/{webhook}", status_code=204, responses=GONE | errors(404, 503))
     def delete(webhook: str, request: Request) -> Response:
-        """Delete a webhook and all that waits for it; the answer is what it was."""
+        """Delete a webhook and all that waits for it."""
 
         def drop(name: str) -> Webhook:
             was = store.one(name)
@@ -130,7 +131,7 @@ def webhook_routes(
 
         was = asked(webhook, drop)
         log.warning("a webhook was deleted", webhook=webhook, url=was.url, by=request.state.holder.name)
-        return _json(was)
+        return Response(status_code=204)
 
     @router.get("/{webhook}/dead", responses=documented(DeadLetters, 404, 422, 503))
     def dead(
@@ -160,5 +161,5 @@ def webhook_routes(
     return router
 
 
-def _json(body: msgspec.Struct) -> Response:
-    return Response(msgspec.json.encode(body), media_type="application/json")
+def _json(body: msgspec.Struct, status: int = 200, headers: dict[str, str] | None = None) -> Response:
+    return Response(msgspec.json.encode(body), status, headers, media_type="application/json")

@@ -44,6 +44,18 @@ export async function ask(path, { method = "GET", body = undefined, signal = und
   return document;
 }
 
+// What the dashboard's key may not do here, in words for people; null where it may, or where that is not known.
+export async function lacking(scope, what) {
+  let told;
+  try {
+    told = await ask("session");
+  } catch {
+    return null; // then the refusal of the change itself will say why
+  }
+  if (told.scopes.includes(scope)) return null;
+  return `You can look, but not ${what} here: this dashboard's key (ATRIUM_API_KEY) lacks the scope ${scope}.`;
+}
+
 function wordsOf(status, problem) {
   const detail = problem?.detail;
   if (typeof detail !== "string" || detail === "") return `The API has a problem of its own (status ${status}).`;

@@ -140,8 +140,9 @@ export class Evidence {
       rows.push(["Followed", `${percent(track.quality)} quality, as number ${track.track}`]);
     }
     if (person.since !== undefined) {
-      const since = device === null ? person.since : person.named;
-      rows.push(["Since", `${spoken(since)}, as far as this page has watched`]);
+      const named = device === null ? null : track?.device_since ?? null;
+      rows.push(["Since", named !== null ? `${spoken(named)}, without a break`
+        : `${spoken(device === null ? person.since : person.named)}, as far as this page has watched`]);
     }
     if (position !== null && position.age > 3) rows.push(["Last heard", `${Math.round(position.age)} s ago`]);
     return rows;

@@ -1,7 +1,7 @@
 // The alert inbox: one row per alert, newest first, live; and who has looked at it.
 
 import { inWords, KINDS } from "./alert_words.js";
-import { ask } from "./ask.js";
+import { ask, lacking } from "./ask.js";
 import { appeared, count, element, spoken, timeOf } from "./dom.js";
 import { Identities } from "./identities.js";
 
@@ -9,9 +9,9 @@ const PAGE = 100;
 const EVERY_MS = 5000; // an event may be missed
 const SOON_MS = 250; // several alerts at once are asked for once
 
-const page = await appeared(["inbox-state", "inbox-kind", "inbox-zone", "inbox-since", "inbox-rows", "inbox-more", "inbox-count", "inbox-problem"]);
+const page = await appeared(["inbox-state", "inbox-kind", "inbox-zone", "inbox-since", "inbox-rows", "inbox-more", "inbox-count", "inbox-problem", "inbox-lacking"]);
 const identities = new Identities();
-const state = { zones: new Map(), alerts: [], next: null, writing: null, pages: 1, asked: 0, due: null };
+const state = { mayAcknowledge: true, zones: new Map(), alerts: [], next: null, writing: null, pages: 1, asked: 0, due: null };
 
 for (const [kind, words] of Object.entries(KINDS)) page["inbox-kind"].append(new Option(words.toLowerCase(), kind));
 
@@ -89,7 +89,7 @@ function row(alert, key, open) {
   const dot = element("span", { class: "swatch" });
   dot.style.background = identities.colourOf(alert.device);
   const end = alert.acknowledged ? element("span", { class: "seen" }, `✓ ${alert.acknowledged.by}, ${spoken(alert.acknowledged.at)}`)
-    : open ? null : element("button", { type: "button", "aria-label": `Acknowledge: ${who} ${did}`, onclick: () => write(alert.id) }, "Acknowledge");
+    : open || !state.mayAcknowledge ? null : element("button", { type: "button", "aria-label": `Acknowledge: ${who} ${did}`, onclick: () => write(alert.id) }, "Acknowledge");
   const item = element("li", {}, element("div", { class: "what" }, dot, timeOf(alert.t), element("span", { class: "words" }, element("strong", {}, who), ` ${did}`),
     element("a", { href: placeOf(alert), title: "Show the place on the live map" }, "Where?"), end));
   item.dataset.key = key;
@@ -157,5 +157,9 @@ page["inbox-more"].addEventListener("click", () => {
   state.pages += 1;
   refresh();
 });
+const words = await lacking("acknowledge", "acknowledge alerts");
+state.mayAcknowledge = words === null;
+page["inbox-lacking"].textContent = words ?? "";
+page["inbox-lacking"].hidden = words === null;
 refresh();
 listen();

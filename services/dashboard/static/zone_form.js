@@ -10,6 +10,7 @@ export class ZoneForm {
   #hooks;
   #draft = null;
   #refusal = null;
+  readOnly = false; // shown, and nothing of it can be changed
 
   // `hooks`: changed(), save(), discard(), remove(), corner(index), insertAfter(index), removeCorner(index).
   constructor(form, hooks) {
@@ -26,6 +27,7 @@ export class ZoneForm {
       this.#form.replaceChildren();
       return;
     }
+    this.#form.inert = this.readOnly;
     const focused = document.activeElement?.id;
     this.#form.replaceChildren(...this.#parts());
     this.refresh();
@@ -50,6 +52,7 @@ export class ZoneForm {
     const words = this.#form.querySelector(".size");
     words.textContent = wrong || `${points.length} corners, ${size}`;
     words.classList.toggle("problem", wrong !== "");
+    if (this.readOnly) return;
     const save = this.#form.querySelector(".save");
     save.disabled = wrong !== "" || !this.#draft.changed;
     this.#form.querySelector(".discard").disabled = !this.#draft.changed;
@@ -99,7 +102,7 @@ export class ZoneForm {
         this.show(draft);
       })) : null,
       this.#rules(zone),
-      element("div", { class: "orders" },
+      this.readOnly ? null : element("div", { class: "orders" },
         button("Save", () => this.#hooks.save(), "save primary"),
         button("Discard changes", () => this.#hooks.discard(), "discard"),
         draft.fresh ? null : button("Delete zone…", () => this.#hooks.remove(), "danger")),

@@ -1,6 +1,6 @@
 // The page where zones are drawn: the plan, the list, the form of the chosen one, and the API that keeps them.
 
-import { ask } from "./ask.js";
+import { ask, lacking } from "./ask.js";
 import { appeared, element, remember, remembered } from "./dom.js";
 import { ZoneCanvas } from "./zone_canvas.js";
 import { Draft, idFor } from "./zone_draft.js";
@@ -13,7 +13,7 @@ const HINT_CHANGING = "Drag corners; drag or click the small dots to insert one.
 
 const page = await appeared(["zones-canvas", "zones-floor", "zones-list", "zones-form", "zones-problem", "zones-hint", "zones-ask",
   "zones-area", "zones-line", "zones-undo", "zones-redo", "zones-snap", "zones-in", "zones-out", "zones-fit"]);
-const state = { site: null, floor: null, zones: [], draft: null };
+const state = { site: null, floor: null, zones: [], draft: null, lacking: null };
 
 const canvas = new ZoneCanvas(page["zones-canvas"], {
   choose: (id) => choose(id),
@@ -38,8 +38,11 @@ function say(words) {
 
 async function load() {
   try {
-    const [site, answer] = await Promise.all([ask("site"), ask("zones")]);
+    const [site, answer, words] = await Promise.all([ask("site"), ask("zones"), lacking("zones-admin", "change zones")]);
     tell("");
+    state.lacking = words;
+    form.readOnly = words !== null;
+    page["zones-area"].closest(".tools").hidden = words !== null;
     state.site = site;
     state.zones = answer.zones;
     const floors = [...site.floors].sort((a, b) => (b.level ?? 0) - (a.level ?? 0));
@@ -73,11 +76,11 @@ function here() {
 
 // Everything anew, as `state` says.
 function show(refusal = null) {
-  canvas.set(here(), state.draft);
+  canvas.set(here(), state.lacking === null ? state.draft : null);
   form.show(state.draft, refusal);
   list();
   buttons();
-  say(state.draft === null ? HINT : HINT_CHANGING);
+  say(state.lacking ?? (state.draft === null ? HINT : HINT_CHANGING));
 }
 
 function list() {

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Sequence
+
+import msgspec
 
 from services.gateway.protocol import OwnAlert
 from shared.messages import Alert
 from shared.site import Zone
+from shared.zones import ZoneDefinition
 
 __all__ = ["MOST_ALERTS", "OwnAlertBook"]
 
@@ -19,7 +23,7 @@ class OwnAlertBook:
     """The last alerts of every device.
 
     Args:
-        zones: of the site.
+        zones: of the site file; they hold until staff draw others.
         kept: seconds an alert is told.
     """
 
@@ -47,6 +51,10 @@ class OwnAlertBook:
             if all(known != alert.id for known, _, _ in alerts):
                 alerts.append((alert.id, arrived, own))
 
+    def draw(self, zones: Sequence[ZoneDefinition]) -> None:
+        """Call zones by these names from now on, also in what was told before."""
+        self._names = {zone.id: zone.name or zone.id for zone in zones}
+
     def forget(self, device: str) -> None:
         """Forget one device."""
         with self._lock:
@@ -65,4 +73,5 @@ class OwnAlertBook:
         """Return the alerts of one device in order of time."""
         with self._lock:
             found = [own for _, _, own in self._alerts.get(device, ())]
-        return sorted(found, key=lambda own: own.t)
+        named = [msgspec.structs.replace(own, name=self._names.get(own.zone, own.name)) for own in found]
+        return sorted(named, key=lambda own: own.t)

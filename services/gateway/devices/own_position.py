@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import shapely
@@ -9,6 +10,7 @@ import shapely
 from services.gateway.protocol import Position, ZoneName
 from shared.messages import TrackFrame
 from shared.site import Zone
+from shared.zones import ZoneDefinition
 
 __all__ = ["OwnPositions"]
 
@@ -24,12 +26,13 @@ class OwnPositions:
     """The newest track of every device.
 
     Args:
-        zones: of the site.
+        zones: of the site file; they hold until staff draw others.
         kept: seconds a position is told after its last update.
     """
 
     def __init__(self, zones: list[Zone], kept: float) -> None:
         self._zones = [(zone.floor, shapely.Polygon(zone.polygon), _named(zone)) for zone in zones]
+        """Replaced as a whole: another thread reads them."""
         self._kept = kept
         self._seen: dict[str, _Seen] = {}
 
@@ -38,6 +41,11 @@ class OwnPositions:
         for index, device in enumerate(frame.device):
             if device is not None:
                 self._seen[device] = _Seen(frame, index, arrived)
+
+    def draw(self, zones: Sequence[ZoneDefinition]) -> None:
+        """Tell of these zones from now on; nobody is in a line."""
+        areas = [zone for zone in zones if zone.shape == "area"]
+        self._zones = [(zone.floor, shapely.Polygon(zone.points), _named(zone)) for zone in areas]
 
     def forget(self, device: str) -> None:
         """Forget one device."""
@@ -75,5 +83,5 @@ class OwnPositions:
         )
 
 
-def _named(zone: Zone) -> ZoneName:
+def _named(zone: Zone | ZoneDefinition) -> ZoneName:
     return ZoneName(id=zone.id, name=zone.name or zone.id)

@@ -65,12 +65,17 @@ def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: 
     for path, operations in document["paths"].items():
         for operation in operations.values():
             answers = operation["responses"]
-            assert {"401", "403"} <= set(answers), path
+            assert {"401", "403", "429"} <= set(answers), path
+            assert all(parameter.get("description") for parameter in operation["parameters"]), path
+            assert "Retry-After" in answers["429"]["headers"], path
             (good,) = {"200", "201", "204"} & set(answers)
             assert good == "204" or "example" in json.dumps(answers[good]), path
             if "requestBody" in operation:
                 assert "example" in json.dumps(operation["requestBody"]), path
     assert document["security"]
+    ids = [operation["operationId"] for operations in document["paths"].values() for operation in operations.values()]
+    assert len(ids) == len(set(ids)) > 60
+    assert {"positions_tracks", "zones_add", "stream_events"} <= set(ids)
 
 
 def test_keys_are_read_in_every_documented_form(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,6 +96,19 @@ def test_keys_are_read_in_every_documented_form(project: Path, monkeypatch: pyte
     assert scopes(one, "a-long-secret-key-2") is None
     assert scopes(one, "a-long-secret-key-") is None
     assert scopes("demo-api-key", "demo-api-key") == set(ALL_SCOPES)
+
+
+def test_the_dashboards_key_may_do_what_its_pages_offer_unless_it_is_listed(project: Path) -> None:
+    def scopes(**changes: object) -> set[str]:
+        settings = ApiSettings(site_file=project / SITE, dashboard_key="the-key-of-a-dashboard", **changes)  # type: ignore[arg-type]
+        holder = KeyRing(settings.keys).holder_of(b"the-key-of-a-dashboard")
+        return set() if holder is None else set(holder.scopes)
+
+    assert {"positions", "acknowledge", "zones-admin", "learning-admin", "stills", "setup"} <= scopes()
+    assert not {"accounts", "audit", "webhooks"} & scopes()
+    assert "acknowledge" not in scopes(api_keys="the-key-of-a-dashboard")
+    with pytest.raises(ValueError, match="api_proxies"):
+        scopes(api_proxies=["anywhere"])
 
 
 @pytest.mark.parametrize("keys", ["demo-api-key", "short-key", '["a-long-secret-key-1", "demo-api-key"]'])

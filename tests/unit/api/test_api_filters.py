@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from waiting import wait_until
 
+from services.api.place_filter import Place
 from services.api.row_filters import Wanted, select
 from services.api.zones_drawn import ZonesDrawn, zones_of
 
@@ -134,7 +135,7 @@ def test_as_one_by_one(people: list[Row], age: float, sure: float, radius: float
     seen: list[str] = []
     cursor = None
     while True:
-        asked = Wanted(age, sure, None, near, "ground", limit, cursor)
+        asked = Wanted(age, sure, Place(None, near, "ground"), limit, cursor)
         page, cursor = select(people, asked, ZONES, ["ground"], lambda row: row.name, lambda row: row.sure)
         seen += [row.name for row in page]
         if cursor is None:
@@ -153,6 +154,11 @@ def test_a_read_that_did_not_change_is_not_sent_again(here: Api) -> None:
     here.client.post("/v1/zones", json={"id": "new", "floor": "ground", "points": [[0, 0], [1, 0], [1, 1]]})
     changed = here.client.get("/v1/site", headers={"If-None-Match": site.headers["ETag"]})
     assert (changed.status_code, changed.headers["ETag"] != site.headers["ETag"]) == (200, True)
+    none = here.client.get("/v1/exhibits")
+    held = {"If-None-Match": none.headers["ETag"]}
+    assert here.client.get("/v1/exhibits", headers=held).status_code == 304
+    here.client.post("/v1/exhibits", json={"id": "vase", "floor": "ground", "x": 5.0, "y": 4.0})
+    assert [one["id"] for one in here.client.get("/v1/exhibits", headers=held).json()["exhibits"]] == ["vase"]
     first = here.client.get("/v1/positions")
     here.people(*PEOPLE)
     second = here.client.get("/v1/positions", headers={"If-None-Match": first.headers["ETag"]})

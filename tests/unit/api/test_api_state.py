@@ -149,3 +149,24 @@ def test_whom_only_a_phone_tells_of_is_located_but_no_second_person(live: LiveSt
     (entrance,) = [zone for zone in json.loads(live.zones_json(100.1))["zones"] if zone["id"] == "entrance"]
     assert (entrance["inside"], entrance["unseen"]) == (1, 1)
     assert [area.people for area in live.areas(100.1)] == [1]
+
+
+def test_who_fed_a_track_lately_and_since_when_its_name_is_held(live: LiveState) -> None:
+    def take(
+        t: float, track: list[int], device: list[str | None], fed: list[list[str]], former: list[list[int]]
+    ) -> None:
+        seen = msgspec.structs.replace(frame(t, device), track=track, sources=fed, former=former)
+        live.take_tracks(seen, origin=100.0)
+
+    take(50.0, [1, 2], ["p", None], [["east", "p"], ["east"]], [[], []])
+    take(50.6, [1, 2], ["p", "q"], [["west"], []], [[], []])
+    take(51.2, [3, 2], ["p", "q"], [["west"], ["q"]], [[1], []])
+    told = {row.track: row for row in live.tracks("hall", 100.0)}
+    assert (told[3].device_since, told[2].device_since) == (50.0, 50.6), "a new number is the same person"
+    assert (told[3].sources, told[2].sources) == (["west"], ["q"]), "what is more than a second old fed nobody lately"
+    take(51.3, [3, 2], [None, "q"], [[], []], [[1], []])
+    take(51.4, [3, 2], ["p", "q"], [[], []], [[1], []])
+    live.erase("q")
+    told = {row.track: row for row in live.tracks("hall", 100.0)}
+    assert (told[3].device_since, told[3].sources) == (51.4, ["west"]), "a break is a break"
+    assert (told[2].device_since, told[2].sources) == (None, [])

@@ -4,14 +4,18 @@ import asyncio
 import json
 
 import msgspec
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_api_state import alert, frame
 
 from services.api.event_log import Entry, EventLog, ndjson_event, sse_event
-from services.api.stream import LARGEST_SEND, Hub, Reader, Selection, track_columns
+from services.api.place_filter import Place
+from services.api.problems import Problem
+from services.api.selection import Selection
+from services.api.stream import LARGEST_SEND, Hub, Reader, track_columns
+from services.api.zones_drawn import ZonesDrawn
 from shared.messages import Occupancy, Revision
+from shared.zones import ZoneDefinition
 
 EVERYTHING = frozenset({"tracks", "alert", "camera", "revision", "occupancy"})
 ALL = Selection(EVERYTHING)
@@ -105,7 +109,8 @@ def test_a_reader_that_the_log_has_overtaken_is_ended() -> None:
             log.append("alert", str(number), None, None, b"{}")
         return [chunk async for chunk in reader.chunks()]
 
-    assert asyncio.run(scenario()) == []
+    (last,) = asyncio.run(scenario())
+    assert (json.loads(last)["event"], json.loads(last)["data"]["status"]) == ("ended", 410)
 
 
 def test_what_is_sent_at_once_has_a_bound() -> None:
@@ -121,7 +126,7 @@ def test_what_is_sent_at_once_has_a_bound() -> None:
 
 def test_the_stream_says_how_accurate_each_place_is() -> None:
     one = msgspec.structs.replace(frame(1.0, ["p"]), covariance=[(2.5, 1.5, 2.5)])  # eigenvalues 4 and 1
-    assert track_columns(one).accuracy == [2.0]
+    assert track_columns(one, {}).accuracy == [2.0]
 
 
 def told_of(
@@ -133,7 +138,7 @@ def told_of(
 
 
 def test_a_selection_tells_its_part_and_nothing_else() -> None:
-    tracks = track_columns(frame(1.0, ["p", "q"]))
+    tracks = track_columns(frame(1.0, ["p", "q"]), {})
     moved = Revision(
         t=9.0,
         area="hall",
@@ -161,22 +166,68 @@ def test_a_selection_tells_its_part_and_nothing_else() -> None:
     assert [told_of(of_nobody, *each) for each in (("tracks", tracks), ("revision", moved), ("alert", met))] == [
         None
     ] * 3
-    of_nave = Selection(EVERYTHING, zone="nave")
+    of_nave = Selection(EVERYTHING, place=Place(zone="nave"))
     told = told_of(of_nave, "occupancy", counts, None)
     assert (told["zone"], told["people"], told["phones"]) == (["nave"], [4], [2])  # type: ignore[index]
     assert told_of(of_nave, "alert", met, zone="entrance") is None
-    assert told_of(of_nave, "tracks", tracks) is None
-    assert told_of(Selection(EVERYTHING, zone="entrance", device="q"), "alert", met, zone="entrance") is not None
+    both = Selection(EVERYTHING, device="q", place=Place(zone="entrance"))
+    assert told_of(both, "alert", met, zone="entrance") is not None
     assert told_of(Selection(EVERYTHING, area="yard"), "tracks", tracks) is None
     assert told_of(Selection(frozenset({"alert"})), "tracks", tracks) is None
+
+
+def test_people_revisions_and_alerts_are_told_where_they_are_asked_for() -> None:
+    nave = ZoneDefinition(id="nave", floor="ground", points=[(0.0, 0.0), (10.5, 0.0), (10.5, 5.0), (0.0, 5.0)])
+    zones = ZonesDrawn([nave])
+    here = msgspec.structs.replace(frame(1.0, ["p", None]), quality=[0.9, 0.4])  # at x = 10 and 11
+    tracks = track_columns(here, {(0, "p"): 0.5})
+    columns = {"of": [0, 0], "at": [4.0, 5.0], "track": [1, 1], "x": [10.0, 11.0], "y": [1.0, 1.0]}
+    columns |= {"covariance": [(1.0, 0.0, 1.0)] * 2, "probability": [1.0, 0.9]}
+    moved = Revision(t=9.0, area="hall", chunk=1, tracker="x", device=["p"], since=[4.0], **columns)
+    came = msgspec.structs.replace(alert(1), x=10.0, y=1.0)
+    counts = Occupancy(t=1.0, zone=["nave"], people=[3], phones=[1])
+
+    def there(event: str, message: msgspec.Struct, place: Place, confidence: float = 0.0) -> dict[str, object]:
+        chosen = Selection(EVERYTHING, None, None, place, confidence, lambda: zones, {"hall": "ground"})
+        return told_of(chosen, event, message, zone="nave")  # type: ignore[return-value]
+
+    for place in (Place(zone="nave"), Place(near=(10.0, 1.0, 0.9)), Place(near=(10.0, 1.0, 0.9), floor="ground")):
+        told = there("tracks", tracks, place)
+        assert (told["track"], told["device_since"], told["quality"]) == ([0], [0.5], [0.9])
+        revised = there("revision", moved, place)
+        assert (revised["device"], revised["at"]) == (["p"], [4.0])
+        assert there("alert", came, place)["id"] == "a-1"
+    elsewhere = Place(near=(0.0, 0.0, 1.0))
+    assert there("tracks", tracks, elsewhere)["track"] == [], "that nobody is there is told, too"
+    assert there("revision", moved, elsewhere)["device"] == ["p"], "who was told there before was not there"
+    assert there("alert", came, elsewhere) is None
+    assert there("occupancy", counts, elsewhere) is None
+    assert there("tracks", tracks, Place(floor="upper"))["track"] == []
+    assert there("tracks", tracks, Place(zone="taken out"))["track"] == []
+    assert there("tracks", tracks, Place(), confidence=0.5)["track"] == [0]
+    assert there("alert", came, Place(), confidence=0.5)["id"] == "a-1"
+
+
+def test_a_stream_whose_key_is_revoked_ends_and_says_why() -> None:
+    revoked = Problem(type="urn:atrium:unauthorized", title="No valid key", status=401, detail="revoked")
+
+    async def scenario() -> list[bytes]:
+        refusals = iter([None, revoked])
+        reader = Hub(EventLog(1, 10, 1000), 10.0, 60.0, 1).join(ALL, ndjson_event, refused=lambda: next(refusals))
+        async with asyncio.timeout(5.0):
+            return [chunk async for chunk in reader.chunks()]
+
+    (last,) = asyncio.run(scenario())
+    assert json.loads(last) == {"id": None, "event": "ended", "data": msgspec.to_builtins(revoked)}
 
 
 def test_a_withdrawn_device_is_out_of_all_that_can_still_be_told() -> None:
     async def scenario() -> tuple[str, int]:
         hub = Hub(EventLog(1, 100, 1 << 20), 1000.0, 5.0, 2)
         seen = frame(1.0, ["gone", "stays"])
-        hub.tracks(msgspec.structs.replace(seen, state=["unseen", "confirmed"]))
-        hub.tracks(seen)  # waits for its turn
+        fed = msgspec.structs.replace(seen, sources=[["gone"], ["gone", "stays"]])
+        hub.tracks(msgspec.structs.replace(fed, state=["unseen", "confirmed"]), {(1, "stays"): 0.5})
+        hub.tracks(fed, {(0, "gone"): 0.25})  # waits for its turn
         moved = Revision(t=9.0, area="hall", chunk=1, tracker="x", device=["gone"], since=[4.0])
         hub.send("revision", "hall", moved, "hall")
         hub.send("alert", "a-1", msgspec.structs.replace(alert(1), other_device="gone"), "hall", "entrance")
@@ -222,7 +273,7 @@ def test_tracks_come_at_the_rate_and_end_with_the_newest() -> None:
 
         reading = asyncio.ensure_future(read())
         for number in range(100):
-            hub.tracks(frame(float(number), ["p"]))
+            hub.tracks(frame(float(number), ["p"]), {})
             await asyncio.sleep(0.002)
         await asyncio.wait_for(reading, 5.0)
         return seen
@@ -239,7 +290,7 @@ def test_silence_is_told_also_while_others_are_told_something() -> None:
 
         async def talk() -> None:
             while True:
-                hub.send("tracks", "hall", track_columns(frame(1.0, ["p"])), "hall")
+                hub.send("tracks", "hall", track_columns(frame(1.0, ["p"]), {}), "hall")
                 await asyncio.sleep(0.005)
 
         talking = asyncio.ensure_future(talk())
@@ -261,8 +312,8 @@ def test_readers_have_a_bound_and_closing_ends_them() -> None:
         reader = hub.join(ALL, ndjson_event)
         asyncio.get_running_loop().call_soon(hub.close)
         async with asyncio.timeout(5.0):
-            async for _ in reader.chunks():
-                pytest.fail("nothing was to be told")
+            (last,) = [chunk async for chunk in reader.chunks()]
+        assert json.loads(last)["data"]["type"] == "urn:atrium:stopping"
         assert hub.full
 
     asyncio.run(scenario())

@@ -5,6 +5,7 @@ import pytest
 from services.gateway.devices.own_position import OwnPositions
 from shared.messages import TrackFrame
 from shared.site import Zone
+from shared.zones import ZoneDefinition
 
 
 def frame(t: float, devices: list[str | None]) -> TrackFrame:
@@ -71,3 +72,7 @@ def test_a_position_names_the_zones_of_its_floor_that_hold_it() -> None:
     assert names("d-0") == [("left", "On the left"), ("all", "all")]
     assert names("d-1") == [("left", "On the left"), ("all", "all")]  # the border belongs to it
     assert names("d-2") == [("all", "all")]
+    line = ZoneDefinition(id="door", floor="ground", shape="line", points=[(0.0, 0.0), (0.0, 4.0)])
+    positions.draw([ZoneDefinition(id="drawn", name="As drawn", floor="ground", points=square), line])
+    assert names("d-0") == [("drawn", "As drawn")], "staff drew others in place of the site file's"
+    assert names("d-2") == []
