@@ -15,6 +15,7 @@ from sqlalchemy.exc import DataError, IntegrityError
 
 from services.history.blocks import COLUMNS, MOST_POINTS, decode, encode, merge
 from services.history.entries import AlertTold, Counted, Entry, Forgotten, Points, Replaced
+from services.history.persons import carried_by
 from services.history.tables import AlertRow, AppliedRow, BlockRow, ErasedRow, OccupancyRow
 from shared.messages import encode as encode_message
 
@@ -188,12 +189,13 @@ def put_blocks(connection: Connection, blocks: dict[Key, NDArray[np.int32]], ste
             "floor": floor,
             "step": steps[kind, subject, minute, area, floor],
             "points": encode(block),
+            "tracks": carried_by(block) if kind == "device" else "",
         }
         for (kind, subject, minute, area, floor), block in blocks.items()
     ]
     keys = ["kind", "subject", "minute", "area", "floor"]
     for part in _parts(rows):
-        connection.execute(upsert(connection, BlockRow, part, keys, ["step", "points"]))
+        connection.execute(upsert(connection, BlockRow, part, keys, ["step", "points", "tracks"]))
 
 
 def _replace(connection: Connection, told: Replaced) -> None:
@@ -211,7 +213,9 @@ def _replace(connection: Connection, told: Replaced) -> None:
             if kept.all():
                 continue
             if kept.any():
-                connection.execute(update(BlockRow).where(BlockRow.id == row.id).values(points=encode(block[:, kept])))
+                left = block[:, kept]
+                values = {"points": encode(left), "tracks": carried_by(left)}
+                connection.execute(update(BlockRow).where(BlockRow.id == row.id).values(**values))
             else:
                 connection.execute(delete(BlockRow).where(BlockRow.id == row.id))
     add_points(connection, [told.points])
