@@ -42,7 +42,17 @@ _CONTROLS = """
 _CARDS = (
     ("heat", "Where people stay", "Time that all people together spent in each cell.", "wide"),
     ("occupancy", "How many people", "In each zone, in the mean of each step.", "wide"),
-    ("dwell", "How long they stay", "Half of the visits to a place are shorter than the median. Who is lost from view and found again counts as people twice.", ""),
+    (
+        "dwell",
+        "How long they stay",
+        (
+            "dwell",
+            "How long they stay",
+            "Half of the visits to a place are shorter than the median. Who is lost from view and found again counts anew.",
+            "",
+        ),
+        "",
+    ),
     ("flows", "Where they go next", "How often people went from the place of the row to that of the column.", ""),
 )
 
