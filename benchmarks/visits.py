@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import sys
 import tempfile
@@ -169,13 +170,17 @@ def _batches(sampler: Sampler, fusion: FusionRun) -> Iterator[list[Entry]]:
 
 def run(options: Options, progress: Progress) -> Figures:
     """Return ``museum_tracks_people`` …."""
-    cells = list(WORLDS.items())
+    cells = [(name, options.more.seconds or seconds) for name, seconds in WORLDS.items()]
     scores = in_parallel(score, cells, options.jobs, progress, "worlds")
     return {
         f"{scenario.replace('-', '_')}_{name}": value
         for (scenario, _), figures in zip(cells, scores, strict=True)
         for name, value in figures.items()
     }
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--seconds", type=float, help=f"of each world; default {WORLDS}")
 
 
 EXPERIMENT = Experiment(
@@ -186,6 +191,7 @@ EXPERIMENT = Experiment(
     seed=0,
     run=run,
     seeds=False,
+    arguments=_arguments,
     made="""Worlds at their train seeds through camera model, gateway and fusion into a database; the floor is cut into
 nine places. Beside the truth by the same rules (a stay lasts 5 s, ends after 10 s away; ways of up to ten
 minutes): `tracks`, every track somebody, and `persons`, as history tells it: tracks that carried the same

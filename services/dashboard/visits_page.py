@@ -45,12 +45,7 @@ _CARDS = (
     (
         "dwell",
         "How long they stay",
-        (
-            "dwell",
-            "How long they stay",
-            "Half of the visits to a place are shorter than the median. Who is lost from view and found again counts anew.",
-            "",
-        ),
+        "Half of the visits are shorter than the median. Who is lost from view and found again counts anew.",
         "",
     ),
     ("flows", "Where they go next", "How often people went from the place of the row to that of the column.", ""),

@@ -1,9 +1,8 @@
-"""Which tracks are one person? Those that carried the same phone, minute by minute, as far as that is known."""
+"""Which tracks are one person? Those that carried the same phone, as far as that is known."""
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 
 import numpy as np
@@ -26,41 +25,33 @@ def carriers_of(text: str) -> list[tuple[str, int]]:
 
 
 class Persons:
-    """Tells whose minutes a track's are.
+    """Tells whose a track is: that of the phone it carried longest, which no other track carried meanwhile.
 
-    A minute in which a track carried a phone is that phone's. A minute without a name is that of the name next to it in
-    time on the same track, unless another track carried that phone then: who is elsewhere is not here. All else stays
-    the track's own: nothing is joined because it is near in place and time.
+    Of two tracks that were there together only the one that carried a phone for longer is its carrier's: nobody is in
+    two places. A track is never divided: where names change on it, one of them was wrong. Nothing is joined because it
+    is near in place and time.
 
     Args:
-        rows: device, minute, area, and ``carried_by`` of that minute.
+        carried: device, area, and ``carried_by`` of its minutes.
+        lives: area and number of each track, its first and last minute.
     """
 
-    def __init__(self, rows: Iterable[tuple[str, int, str, str]]) -> None:
-        most: dict[tuple[Track, int], tuple[int, str]] = {}
-        self._elsewhere: set[tuple[str, int]] = set()
-        for device, minute, area, text in rows:
+    def __init__(self, carried: Iterable[tuple[str, str, str]], lives: Iterable[tuple[str, str, int, int]]) -> None:
+        points: dict[Track, Counter[str]] = defaultdict(Counter)
+        for device, area, text in carried:
             for number, n in carriers_of(text):
-                self._elsewhere.add((device, minute))
-                key = (area, number), minute
-                most[key] = max(most.get(key, (0, "")), (n, device))
-        self._named = {key: device for key, (_, device) in most.items()}
-        self._minutes: dict[Track, list[int]] = {}
-        for track, minute in self._named:
-            self._minutes.setdefault(track, []).append(minute)
-        for minutes in self._minutes.values():
-            minutes.sort()
+                points[area, number][device] += n
+        lived = {(area, number): (first, last) for area, number, first, last in lives}
+        claims = [(n, device, track) for track, of in points.items() for device, n in of.most_common(1)]
+        self._device: dict[Track, str] = {}
+        taken: dict[str, list[tuple[int, int]]] = defaultdict(list)
+        for _, device, track in sorted(claims, reverse=True):
+            first, last = lived.get(track, (0, -1))
+            # Two tracks may share the minute in which one was lost and the other found.
+            if all(last <= begin or end <= first for begin, end in taken[device]):
+                taken[device].append((first, last))
+                self._device[track] = device
 
-    def device(self, area: str, track: str, minute: int) -> str | None:
-        """Return the phone whose carrier this minute of a track was; None: nobody's that is known."""
-        of = area, track
-        named = self._named.get((of, minute))
-        minutes = self._minutes.get(of)
-        if named is not None or minutes is None:
-            return named
-        place = bisect_left(minutes, minute)
-        for near in sorted(minutes[max(place - 1, 0) : place + 1], key=lambda known: abs(known - minute)):
-            device = self._named[of, near]
-            if (device, minute) not in self._elsewhere:
-                return device
-        return None
+    def device(self, area: str, track: str) -> str | None:
+        """Return the phone whose carrier a track was; None: nobody's that is known."""
+        return self._device.get((area, track))

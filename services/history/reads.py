@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Engine, select
+from sqlalchemy import Engine, func, select
 
 from services.history.blocks import COLUMNS, decode
 from services.history.persons import Persons
@@ -91,8 +91,8 @@ def parts_of(engine: Engine, kind: str, since: float, until: float, floor: str |
         if not rows:
             continue
         who = []
-        for subject, minute, area, *_ in rows:
-            device = subject if persons is None else persons.device(area, subject, minute)
+        for subject, _, area, *_ in rows:
+            device = subject if persons is None else persons.device(area, subject)
             # A track's number is its area's, a device is the same everywhere.
             number = people.setdefault((area, subject) if device is None else ("", device), len(people))
             if number == len(known):
@@ -115,13 +115,15 @@ def parts_of(engine: Engine, kind: str, since: float, until: float, floor: str |
 
 def _persons(engine: Engine, first: int, last: int) -> Persons:
     """Return who carried whose phone from the minute ``first`` until just before ``last``."""
-    asked = (
-        select(BlockRow.subject, BlockRow.minute, BlockRow.area, BlockRow.tracks)
-        .where(BlockRow.kind == "device", BlockRow.tracks != "")
-        .where(BlockRow.minute.between(first, last - 1))
+    during = BlockRow.minute.between(first, last - 1)
+    carried = select(BlockRow.subject, BlockRow.area, BlockRow.tracks).where(BlockRow.kind == "device", during)
+    lives = (
+        select(BlockRow.area, BlockRow.subject, func.min(BlockRow.minute), func.max(BlockRow.minute))
+        .where(BlockRow.kind == "track", during)
+        .group_by(BlockRow.area, BlockRow.subject)
     )
     with engine.connect() as connection:
-        return Persons(connection.execute(asked))
+        return Persons(map(tuple, connection.execute(carried)), map(tuple, connection.execute(lives)))
 
 
 def device_points(engine: Engine, device: str, since: float, until: float) -> DevicePoints:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 __all__ = ["TRACKS_PER_PERSON", "surely"]
 
 TRACKS_PER_PERSON = 5
-"""So often is somebody without a known phone lost and found again at one place: 4.7 times in ``atrium bench visits``.
+"""So many tracks has somebody without a known phone at one place: 5.0 in 40 minutes (``atrium bench visits``).
 
 A measured mean, no bound: who stays in view for hours is found more often.
 """

@@ -117,19 +117,13 @@ def test_tracks_that_carried_the_same_phone_are_one_person_and_all_others_are_no
     assert part.x.tolist() == [5.0]
 
 
-def test_of_whom_a_minute_is_is_told_by_the_name_next_to_it_unless_that_is_elsewhere() -> None:
-    persons = Persons(
-        [
-            ("a", 10, "hall", "1:60"),
-            ("b", 20, "hall", "1:40 3:20"),
-            ("a", 20, "hall", "1:20 2:40"),
-            ("a", 9, "west", "1:1"),
-        ]
-    )
-    named = [persons.device("hall", "1", minute) for minute in (1, 10, 14, 16, 20, 99)]
-    assert named == ["a", "a", "a", "b", "b", "b"]
-    assert persons.device("hall", "2", 10) is None, "who is on another track then is not on this one"
-    assert persons.device("hall", "4", 10) is None
+def test_a_track_is_the_carrier_s_of_the_phone_it_had_longest_and_nobody_is_in_two_places() -> None:
+    carried = [("a", "hall", "1:60"), ("b", "hall", "1:20 3:60"), ("a", "hall", "2:40"), ("a", "hall", "4:9 5:8")]
+    lives = [("hall", "1", 10, 20), ("hall", "2", 15, 30), ("hall", "3", 0, 90), ("hall", "4", 20, 21)]
+    persons = Persons([*carried, ("a", "west", "1:3")], [*lives, ("hall", "5", 19, 22), ("west", "1", 40, 41)])
+    told = [persons.device("hall", track) for track in "123456"]
+    assert told == ["a", None, "b", "a", None, None], "2 was there together with 1, and 5 with 4"
+    assert persons.device("west", "1") == "a"
 
 
 def test_a_revision_takes_the_place_of_what_was_said_since(engine: Engine) -> None:
