@@ -123,7 +123,7 @@ def _persons(engine: Engine, first: int, last: int) -> Persons:
         .group_by(BlockRow.area, BlockRow.subject)
     )
     with engine.connect() as connection:
-        return Persons(map(tuple, connection.execute(carried)), map(tuple, connection.execute(lives)))
+        return Persons(connection.execute(carried), connection.execute(lives))
 
 
 def device_points(engine: Engine, device: str, since: float, until: float) -> DevicePoints:
