@@ -89,12 +89,13 @@ def fill(engine: Engine, site: Site, days: int, hours: int, people: int, rng: np
         rows = [
             {
                 "kind": kind,
-                "subject": f"d-{day:02d}-{person:03d}" if kind == "device" else str(1000 * day + person + 1),
+                "subject": f"d-{day:02d}-{person:03d}" if kind == "device" else str(person + 1),
                 "minute": FIRST_MINUTE + DAY_MINUTES * day + minute,
                 "area": area,
                 "floor": floor,
                 "step": 1.0,
                 "points": payloads[person][minute],
+                "tracks": f"{person + 1}:60" if kind == "device" else "",
             }
             for minute in range(60 * hours)
             for person in range(people)

@@ -7,6 +7,7 @@ for is what was measured from ``since`` until just before ``until``.
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
@@ -18,6 +19,7 @@ from shared.zones import ZoneDefinition
 
 __all__ = [
     "FEWEST_PEOPLE",
+    "GRAIN",
     "LONGEST_PERIOD",
     "LONGEST_TRAJECTORY",
     "STATES",
@@ -40,12 +42,15 @@ __all__ = [
     "decode_answer",
     "decode_question",
     "numbers",
+    "whole_grains",
 ]
 
 STATES = ("confirmed", "coasting", "unseen")
 """As ``TrackState``; a trajectory holds indices."""
 FEWEST_PEOPLE = 5
 """What fewer people have done is not told: it could be found out who."""
+GRAIN = 900.0
+"""Seconds: sums over people are of whole quarter hours. Two that differ by a second could differ by one person."""
 LONGEST_TRAJECTORY = 2 * 86400.0
 LONGEST_PERIOD = 31 * 86400.0 + 3600.0
 """A month of the local calendar, an hour longer where the clocks go back."""
@@ -79,7 +84,7 @@ class AskOccupancy(msgspec.Struct, frozen=True, kw_only=True, tag="occupancy"):
 
 
 class AskHeatMap(msgspec.Struct, frozen=True, kw_only=True, tag="heatmap"):
-    """Where did people stay, on one floor?"""
+    """Where did people stay, on one floor? As ``AskDwell`` and ``AskFlows``, in whole quarter hours."""
 
     floor: str
     since: float
@@ -159,7 +164,10 @@ class OccupancySeries(msgspec.Struct, frozen=True, kw_only=True, tag="occupancy"
 
 
 class HeatMap(msgspec.Struct, frozen=True, kw_only=True, tag="heatmap"):
-    """Seconds that people spent in each cell, by row (y) and column (x); None where fewer than five people were."""
+    """Seconds that people spent in each cell, by row (y) and column (x); None where fewer than five people were.
+
+    Over several days: the sum of those days on which five people or more were in the cell.
+    """
 
     floor: str
     origin: tuple[float, float]
@@ -170,7 +178,7 @@ class HeatMap(msgspec.Struct, frozen=True, kw_only=True, tag="heatmap"):
 
 
 class DwellRow(msgspec.Struct, frozen=True, kw_only=True):
-    """How long people stayed at one place; all but ``id`` None where there were fewer than five people."""
+    """How long people stayed at one place on the days with five people or more; all but ``id`` None where none had."""
 
     id: str
     people: int | None
@@ -188,7 +196,8 @@ class Dwell(msgspec.Struct, frozen=True, kw_only=True, tag="dwell"):
 
 
 class Flows(msgspec.Struct, frozen=True, kw_only=True, tag="flows"):
-    """How often people went from the place of the row to that of the column; None where fewer than five people did."""
+    """How often people went from the place of the row to that of the column, on the days on which five people or more
+    did; None where on none."""
 
     zones: list[str]
     counts: list[list[int | None]]
@@ -226,6 +235,11 @@ def decode_answer(payload: bytes) -> HistoryAnswer:
         msgspec.MsgspecError: it is none.
     """
     return _answers.decode(payload)
+
+
+def whole_grains(since: float, until: float) -> tuple[float, float]:
+    """Return the whole quarter hours that hold a period; every time zone's midnight begins one."""
+    return math.floor(since / GRAIN) * GRAIN, math.ceil(until / GRAIN) * GRAIN
 
 
 def column(values: NDArray[Any]) -> Column:

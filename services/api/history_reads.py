@@ -30,6 +30,7 @@ from shared.history_query import (
     OccupancySeries,
     Trajectory,
     numbers,
+    whole_grains,
 )
 from shared.keys import is_identifier
 from shared.site import Site
@@ -135,12 +136,16 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
         cell: Annotated[float, Query(ge=0.1, le=20, description="side of a cell, m")] = 0.5,
         of: Of = "people",
     ) -> Response:
-        """Where people spent their time on a floor; nothing is told of a cell in which fewer than five people were."""
+        """Where people spent their time on a floor, in whole quarter hours.
+
+        Of each day nothing is told of a cell in which fewer than five people were; without a known phone, five tracks
+        count as one person.
+        """
         if floor is None and len(floors) == 1:
             floor = floors[0]
         if floor is None or floor not in floors:
             raise unknown("floor", floor or "", floors)
-        begin, end = _period(since, until, day, zone)
+        begin, end = whole_grains(*_period(since, until, day, zone))
         found = link.answer(AskHeatMap(floor=floor, since=begin, until=end, cell=cell, of=of), HeatMap)
         return _json(
             HeatMapReport(
@@ -165,8 +170,8 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
         away: Away = 10.0,
         format: Annotated[Literal["json", "csv"], Query(description="of the answer")] = "json",  # noqa: A002
     ) -> Response:
-        """How long people stayed in each zone, or in front of each exhibit."""
-        begin, end = _period(since, until, day, zone)
+        """How long people stayed in each zone, or in front of each exhibit; of fewer than five nothing, as in a map."""
+        begin, end = whole_grains(*_period(since, until, day, zone))
         places = _places(at, exhibits)
         question = AskDwell(since=begin, until=end, places=places or [], of=of, shortest=shortest, away=away)
         found = Dwell(places=[]) if places == [] else link.answer(question, Dwell)
@@ -187,8 +192,8 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
         within: Annotated[float, Query(gt=0, le=86400, description="seconds on the way at most")] = 600.0,
         format: Annotated[Literal["json", "csv"], Query(description="of the answer")] = "json",  # noqa: A002
     ) -> Response:
-        """Where people who left one zone, or exhibit, were next."""
-        begin, end = _period(since, until, day, zone)
+        """Where people who left one zone, or exhibit, were next; as of ``heatmap``, nothing of fewer than five."""
+        begin, end = whole_grains(*_period(since, until, day, zone))
         places = _places(at, exhibits)
         question = AskFlows(
             since=begin, until=end, places=places or [], of=of, shortest=shortest, away=away, within=within

@@ -41,7 +41,7 @@ class OccupancyReport(Reply, frozen=True, kw_only=True):
 
 
 class HeatMapReport(Reply, frozen=True, kw_only=True):
-    """Seconds people spent in each cell of a floor, rows go up (y); null where fewer than five people were."""
+    """Seconds people spent in each cell of a floor, rows go up (y); null where on no day five people were."""
 
     floor: str
     since: float
@@ -54,7 +54,7 @@ class HeatMapReport(Reply, frozen=True, kw_only=True):
 
 
 class DwellReport(Reply, frozen=True, kw_only=True):
-    """How long people stayed at each place; null where there were fewer than five people."""
+    """How long people stayed at each place; null where on no day there were five people."""
 
     since: float
     until: float
@@ -62,7 +62,7 @@ class DwellReport(Reply, frozen=True, kw_only=True):
 
 
 class FlowReport(Reply, frozen=True, kw_only=True):
-    """How often people went from the row's place to the column's next; null where fewer than five people did."""
+    """How often people went from the row's place to the column's next; null where on no day five people did."""
 
     since: float
     until: float

@@ -42,7 +42,12 @@ _CONTROLS = """
 _CARDS = (
     ("heat", "Where people stay", "Time that all people together spent in each cell.", "wide"),
     ("occupancy", "How many people", "In each zone, in the mean of each step.", "wide"),
-    ("dwell", "How long they stay", "Visits to each place; half of them are shorter than the median.", ""),
+    (
+        "dwell",
+        "How long they stay",
+        "Half of the visits are shorter than the median. Who is lost from view and found again counts anew.",
+        "",
+    ),
     ("flows", "Where they go next", "How often people went from the place of the row to that of the column.", ""),
 )
 

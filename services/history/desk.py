@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from sqlalchemy import Engine
 from sqlalchemy.exc import SQLAlchemyError
 
-from services.history.analytics.heat_map import HeatMapSum, grid_of, suppressed
+from services.history.analytics.heat_map import HeatMapSum, grid_of
 from services.history.analytics.local_time import by_step, step_edges
 from services.history.analytics.trajectory import one_way
-from services.history.analytics.visits import Visits, VisitSum, dwell_of, flows_of, joined
+from services.history.analytics.visits import Visits, VisitSum, dwell_of, flows_of, joined, lasting, told
 from services.history.blocks import COLUMNS
 from services.history.day_sums import DaySums
 from services.history.reads import device_points, minutes_of, parts_of
@@ -44,6 +44,7 @@ from shared.history_query import (
     Trajectory,
     column,
     decode_question,
+    whole_grains,
 )
 from shared.site import Site
 from shared.zones import ZoneDefinition
@@ -103,6 +104,9 @@ class Desk:
     def _found(self, question: HistoryQuestion) -> HistoryAnswer:
         longest = LONGEST_TRAJECTORY if isinstance(question, AskTrajectory) else LONGEST_PERIOD
         _check_period(question.since, question.until, longest)
+        if isinstance(question, AskHeatMap | AskDwell | AskFlows):
+            since, until = whole_grains(question.since, question.until)
+            question = msgspec.structs.replace(question, since=since, until=until)
         if isinstance(question, AskTrajectory):
             return self._trajectory(question)
         if isinstance(question, AskOccupancy):
@@ -174,78 +178,90 @@ class Desk:
             _refuse("cell", str(asked.cell), f"metres so large that the floor has {MOST_CELLS} cells at most")
 
         def of_span(since: float, until: float) -> _Grid:
-            total = HeatMapSum(origin, asked.cell, rows, columns)
+            total, known = HeatMapSum(origin, asked.cell, rows, columns), np.empty(0, bool)
             for part in parts_of(self._engine, KIND[asked.of], since, until, asked.floor):
                 total.add(part.person, part.x, part.y, part.seconds)
-            return total.sums()
+                known = part.known
+            return total.told(known, FEWEST_PEOPLE)
 
         def bytes_of(sums: _Grid) -> int:
             return sums[0].nbytes + sums[1].nbytes
 
         of_days = self._by_day(asked, ("heat", asked.floor, asked.cell), bytes_of, of_span)
         seconds, people = (functools.reduce(np.add, column) for column in zip(*of_days, strict=True))
-        seconds, people = suppressed(seconds, people, FEWEST_PEOPLE)
         return HeatMap(
             floor=asked.floor,
             origin=origin,
             cell=asked.cell,
-            seconds=[[None if np.isnan(value) else round(value, 1) for value in row] for row in seconds.tolist()],
+            seconds=[
+                [round(value, 1) if who else None for value, who in zip(row, whose, strict=True)]
+                for row, whose in zip(seconds.tolist(), people.tolist(), strict=True)
+            ],
             people=[[value or None for value in row] for row in people.tolist()],
         )
 
     def _dwell(self, asked: AskDwell) -> Dwell:
-        places, visits = self._visits(asked)
+        places, of_days = self._visits(asked)
+        visits = joined([told(day, len(places), FEWEST_PEOPLE) for day in of_days])
         rows = []
         for number, place in enumerate(places):
-            told = dwell_of(visits, number)
-            if told.people < FEWEST_PEOPLE:
+            stays = dwell_of(visits, number)
+            if not stays.people:
                 rows.append(DwellRow(id=place.id, people=None, visits=None, mean=None, median=None, p90=None))
                 continue
             rows.append(
                 DwellRow(
                     id=place.id,
-                    people=told.people,
-                    visits=told.visits,
-                    mean=round(told.mean, 1),
-                    median=round(told.median, 1),
-                    p90=round(told.p90, 1),
+                    people=stays.people,
+                    visits=stays.visits,
+                    mean=round(stays.mean, 1),
+                    median=round(stays.median, 1),
+                    p90=round(stays.p90, 1),
                 )
             )
         return Dwell(places=rows)
 
     def _flows(self, asked: AskFlows) -> Flows:
-        places, visits = self._visits(asked)
-        counts, people = flows_of(visits, len(places), asked.within)
+        places, of_days = self._visits(asked)
+        sums = np.zeros((len(places), len(places)), np.int64)
+        hidden = np.zeros(sums.shape, bool)
+        for day in of_days:
+            counts, people = flows_of(day, len(places), asked.within)
+            few = people < FEWEST_PEOPLE
+            sums += np.where(few, 0, counts)
+            hidden |= few & (counts > 0)
         return Flows(
             zones=[place.id for place in places],
             counts=[
-                [count if who >= FEWEST_PEOPLE or not count else None for count, who in zip(row, whose, strict=True)]
-                for row, whose in zip(counts.tolist(), people.tolist(), strict=True)
+                [None if hide and not count else count for count, hide in zip(row, hides, strict=True)]
+                for row, hides in zip(sums.tolist(), hidden.tolist(), strict=True)
             ],
         )
 
-    def _visits(self, asked: AskDwell | AskFlows) -> tuple[list[ZoneDefinition], Visits]:
+    def _visits(self, asked: AskDwell | AskFlows) -> tuple[list[ZoneDefinition], list[Visits]]:
+        """Return the places and the stays at them, day by day."""
         places = [place for place in asked.places or self._zones() if place.shape == "area"]
         for place in places:
             if len(place.points) < 3:
                 _refuse("places", f"{place.id} with {len(place.points)} corners", "three corners or more")
 
         def of_span(since: float, until: float) -> Visits:
-            total = VisitSum([np.array(place.points, float) for place in places], asked.away)
+            total, known = VisitSum([np.array(place.points, float) for place in places], asked.away), np.empty(0, bool)
             for part in parts_of(self._engine, KIND[asked.of], since, until):
+                known = part.known
                 for number, floor in enumerate(part.floors):
                     on = np.flatnonzero(part.floor == number)
                     numbers = [place for place, zone in enumerate(places) if zone.floor == floor]
                     if on.size and numbers:
                         total.add(numbers, part.person[on], part.t[on], part.x[on], part.y[on], part.seconds[on])
-            return total.visits()
+            return total.visits(known)
 
         def bytes_of(visits: Visits) -> int:
-            return 4 * visits.begin.nbytes
+            return 5 * visits.begin.nbytes
 
         corners = tuple((place.floor, tuple(place.points)) for place in places)
         of_days = self._by_day(asked, ("visits", asked.away, corners), bytes_of, of_span)
-        return places, joined(of_days, asked.shortest)
+        return places, [lasting(day, asked.shortest) for day in of_days]
 
     def _by_day(
         self,

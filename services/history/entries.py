@@ -22,7 +22,7 @@ class Points(msgspec.Struct, frozen=True, kw_only=True, tag="p"):
     step: float
     """Seconds each point stands for."""
     subject: list[str]
-    """The device, or the first of the ids that the person's track has had."""
+    """The device, or the track's number."""
     floor: list[str]
     t: list[float]
     x: list[float]

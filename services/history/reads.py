@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Engine, select
+from sqlalchemy import Engine, func, select
 
 from services.history.blocks import COLUMNS, decode
+from services.history.persons import Persons
 from services.history.tables import BlockRow, OccupancyRow
 
 __all__ = ["DevicePoints", "Minutes", "Part", "device_points", "minutes_of", "parts_of"]
@@ -24,13 +25,15 @@ class Part:
     """Positions of an hour at most, in parallel arrays of shape (n,).
 
     Attributes:
-        person: numbers; within a call the same is the same person.
+        person: numbers; within a call the same is the same person, as far as that is known.
+        known: whether each person so far is the carrier of a known phone, by number.
         floor: numbers, of ``floors``.
         t: s; ``x`` and ``y``: m; ``seconds``: that each stands for.
         floors: names.
     """
 
     person: NDArray[np.int64]
+    known: NDArray[np.bool_]
     floor: NDArray[np.int64]
     t: NDArray[np.float64]
     x: NDArray[np.float64]
@@ -65,14 +68,16 @@ def parts_of(engine: Engine, kind: str, since: float, until: float, floor: str |
 
     Args:
         engine: of history's database.
-        kind: track: whom cameras saw; device: phones, also unseen.
+        kind: track: whom cameras saw, those tracks joined that carried the same phone; device: phones, also unseen.
         since: seconds since the epoch, inclusive.
         until: likewise, exclusive.
         floor: only this one.
     """
     people: dict[tuple[str, str], int] = {}
+    known: list[bool] = []
     floors: dict[str, int] = {}
     first, last = math.floor(since / 60.0), math.ceil(until / 60.0)
+    persons = _persons(engine, first, last) if kind == "track" else None
     for begin in range(first - first % AT_ONCE, last, AT_ONCE):
         asked = (
             select(BlockRow.subject, BlockRow.minute, BlockRow.area, BlockRow.floor, BlockRow.step, BlockRow.points)
@@ -85,13 +90,20 @@ def parts_of(engine: Engine, kind: str, since: float, until: float, floor: str |
             rows = connection.execute(asked).all()
         if not rows:
             continue
-        # A track's number is its area's, a device is the same everywhere.
-        who = [people.setdefault((row[2] if kind == "track" else "", row[0]), len(people)) for row in rows]
+        who = []
+        for subject, _, area, *_ in rows:
+            device = subject if persons is None else persons.device(area, subject)
+            # A track's number is its area's, a device is the same everywhere.
+            number = people.setdefault((area, subject) if device is None else ("", device), len(people))
+            if number == len(known):
+                known.append(device is not None)
+            who.append(number)
         counts, values = decode([row[5] for row in rows], ("ms", "x", "y"))
         t = np.repeat(np.array([row[1] for row in rows], float) * 60.0, counts) + values[0] / 1000.0
         kept = np.flatnonzero((t >= since) & (t < until))
         yield Part(
             np.repeat(np.array(who, np.int64), counts)[kept],
+            np.array(known, bool),
             np.repeat(np.array([floors.setdefault(row[3], len(floors)) for row in rows], np.int64), counts)[kept],
             t[kept],
             values[1, kept] / 100.0,
@@ -99,6 +111,19 @@ def parts_of(engine: Engine, kind: str, since: float, until: float, floor: str |
             np.repeat(np.array([row[4] for row in rows], float), counts)[kept],
             list(floors),
         )
+
+
+def _persons(engine: Engine, first: int, last: int) -> Persons:
+    """Return who carried whose phone from the minute ``first`` until just before ``last``."""
+    during = BlockRow.minute.between(first, last - 1)
+    carried = select(BlockRow.subject, BlockRow.area, BlockRow.tracks).where(BlockRow.kind == "device", during)
+    lives = (
+        select(BlockRow.area, BlockRow.subject, func.min(BlockRow.minute), func.max(BlockRow.minute))
+        .where(BlockRow.kind == "track", during)
+        .group_by(BlockRow.area, BlockRow.subject)
+    )
+    with engine.connect() as connection:
+        return Persons(connection.execute(carried), connection.execute(lives))
 
 
 def device_points(engine: Engine, device: str, since: float, until: float) -> DevicePoints:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Engine, delete, or_, select, update
 
 from services.history.blocks import decode, encode
+from services.history.store import take_turn
 from services.history.tables import AlertRow, BlockRow, OccupancyRow
 
 __all__ = ["Retention", "Tidying", "thinned"]
@@ -90,6 +91,7 @@ class Tidying:
         before = math.floor((now - keep.detail) / 60.0)
         done = 0
         with self._engine.begin() as connection:
+            take_turn(connection)
             for kind in ("device", "track"):
                 rows = connection.execute(
                     select(BlockRow.id, BlockRow.points)

@@ -63,8 +63,8 @@ class Sampler:
             )
         ]
         if seen:
-            first = [str(frame.former[row][0] if frame.former[row] else frame.track[row]) for row in seen]
-            entries.append(self._points("track", frame, first, seen, state))
+            # Not by ``former``: a name that moves on leaves a track behind that may well be somebody else's.
+            entries.append(self._points("track", frame, [str(frame.track[row]) for row in seen], seen, state))
         if named:
             entries.append(self._points("device", frame, list(named), list(named.values()), state))
         return entries

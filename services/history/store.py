@@ -9,16 +9,28 @@ from typing import Any
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, Engine, case, delete, select, update
+from sqlalchemy import Connection, Engine, case, delete, false, select, text, update
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import DataError, IntegrityError
 
 from services.history.blocks import COLUMNS, MOST_POINTS, decode, encode, merge
 from services.history.entries import AlertTold, Counted, Entry, Forgotten, Points, Replaced
+from services.history.persons import carried_by
 from services.history.tables import AlertRow, AppliedRow, BlockRow, ErasedRow, OccupancyRow
 from shared.messages import encode as encode_message
 
-__all__ = ["Applied", "Key", "Store", "add_points", "erased_among", "find_blocks", "forget", "put_blocks", "upsert"]
+__all__ = [
+    "Applied",
+    "Key",
+    "Store",
+    "add_points",
+    "erased_among",
+    "find_blocks",
+    "forget",
+    "put_blocks",
+    "take_turn",
+    "upsert",
+]
 
 Key = tuple[str, str, int, str, str]
 """Of a block: kind, subject, minute, area, floor."""
@@ -75,6 +87,7 @@ class Store:
     def _apply(self, name: str, entries: Sequence[Entry], present: Collection[str], apart: bool) -> Applied:
         done = Applied()
         with self._engine.begin() as connection:
+            take_turn(connection)
             known = set(connection.scalars(select(AppliedRow.name)))
             if gone := known - set(present):
                 connection.execute(delete(AppliedRow).where(AppliedRow.name.in_(gone)))
@@ -112,6 +125,17 @@ class Store:
                     forget(connection, entry.device, entry.t)
                     done.forgotten.append(entry.device)
         done.entries += len(group)
+
+
+def take_turn(connection: Connection) -> None:
+    """Wait until nobody else writes positions or erasures, and let nobody until this transaction ends.
+
+    An import would otherwise bring in who is erased at that moment, unseen by either.
+    """
+    if connection.dialect.name == "postgresql":
+        connection.execute(text(f"LOCK TABLE {ErasedRow.__tablename__} IN SHARE ROW EXCLUSIVE MODE"))
+    else:
+        connection.execute(delete(ErasedRow).where(false()))  # SQLite: the first statement that writes takes the lock
 
 
 def upsert(
@@ -188,12 +212,13 @@ def put_blocks(connection: Connection, blocks: dict[Key, NDArray[np.int32]], ste
             "floor": floor,
             "step": steps[kind, subject, minute, area, floor],
             "points": encode(block),
+            "tracks": carried_by(block) if kind == "device" else "",
         }
         for (kind, subject, minute, area, floor), block in blocks.items()
     ]
     keys = ["kind", "subject", "minute", "area", "floor"]
     for part in _parts(rows):
-        connection.execute(upsert(connection, BlockRow, part, keys, ["step", "points"]))
+        connection.execute(upsert(connection, BlockRow, part, keys, ["step", "points", "tracks"]))
 
 
 def _replace(connection: Connection, told: Replaced) -> None:
@@ -211,7 +236,9 @@ def _replace(connection: Connection, told: Replaced) -> None:
             if kept.all():
                 continue
             if kept.any():
-                connection.execute(update(BlockRow).where(BlockRow.id == row.id).values(points=encode(block[:, kept])))
+                left = block[:, kept]
+                values = {"points": encode(left), "tracks": carried_by(left)}
+                connection.execute(update(BlockRow).where(BlockRow.id == row.id).values(**values))
             else:
                 connection.execute(delete(BlockRow).where(BlockRow.id == row.id))
     add_points(connection, [told.points])

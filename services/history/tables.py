@@ -39,6 +39,8 @@ class BlockRow(Base):
     """Seconds each point stands for."""
     points: Mapped[bytes] = mapped_column(LargeBinary)
     """As ``services.history.blocks`` packs them."""
+    tracks: Mapped[str] = mapped_column(Text, default="", server_default="")
+    """Of a device: which tracks carried it, as ``services.history.persons.carried_by`` writes it."""
 
 
 class AlertRow(Base):

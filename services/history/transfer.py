@@ -18,7 +18,7 @@ from sqlalchemy import Connection, Engine, Select, or_, select
 
 from services.history.blocks import BlockError, check, decode, merge
 from services.history.sampling import LATEST, plausible
-from services.history.store import Key, erased_among, find_blocks, forget, put_blocks, upsert
+from services.history.store import Key, erased_among, find_blocks, forget, put_blocks, take_turn, upsert
 from services.history.tables import AlertRow, BlockRow, ErasedRow, OccupancyRow
 from shared.history_query import STATES
 from shared.keys import is_identifier
@@ -126,6 +126,7 @@ def import_history(engine: Engine, source: Path) -> int:
     """
     rows = 0
     with engine.begin() as connection:
+        take_turn(connection)
         waiting: list[_Block] = []
         for number, line in _read(source):
             if isinstance(line, _Block):
@@ -146,8 +147,7 @@ def _lines(engine: Engine, since: float | None, until: float | None, device: str
     yield _Header(format=FORMAT, since=since, until=until, device=device)
     with engine.connect() as connection:
         if device is None:
-            for row in connection.execute(select(ErasedRow.device, ErasedRow.t)):
-                yield _Erased(device=row[0], t=row[1])
+            yield from (erased := _erased(connection))
         blocks = select(BlockRow).where(BlockRow.minute.between(first, last))
         if device is not None:
             blocks = blocks.where(BlockRow.kind == "device", BlockRow.subject == device)
@@ -167,6 +167,14 @@ def _lines(engine: Engine, since: float | None, until: float | None, device: str
             counts = select(OccupancyRow).where(OccupancyRow.minute.between(first, last))
             for counted in connection.execution_options(yield_per=AT_ONCE).execute(counts):
                 yield _Occupancy(*(getattr(counted, name) for name in _Occupancy.__struct_fields__))
+    if device is None:
+        # Again, and from another connection: who withdrew meanwhile may stand in what is written already.
+        with engine.connect() as connection:
+            yield from (row for row in _erased(connection) if row not in erased)
+
+
+def _erased(connection: Connection) -> list[_Erased]:
+    return [_Erased(device=row[0], t=row[1]) for row in connection.execute(select(ErasedRow.device, ErasedRow.t))]
 
 
 def _pages(connection: Connection, asked: Select[Any], key: Any) -> Iterator[Any]:

@@ -13,7 +13,21 @@ import msgspec
 
 from atrium_client.errors import AtriumError, NotFound, error_of
 from atrium_client.event_stream import Event, parse
-from atrium_client.models import Alert, Device, Exhibit, InFront, Position, SignedIn, Track, Zone
+from atrium_client.models import (
+    Alert,
+    Device,
+    DwellReport,
+    Exhibit,
+    Flows,
+    HeatMap,
+    InFront,
+    Occupancy,
+    Position,
+    SignedIn,
+    Track,
+    Trajectory,
+    Zone,
+)
 
 __all__ = ["AtriumClient"]
 
@@ -168,7 +182,7 @@ class AtriumClient:
         """Take an exhibit out."""
         self._send("DELETE", f"/exhibits/{_part(name)}", etag=etag)
 
-    # ---- what happened
+    # ---- what happened; the past: where the site keeps a history
 
     def alerts(self, *, since: float | None = None, zone: str | None = None, limit: int = 100) -> list[Alert]:
         """Return the newest alerts, newest first."""
@@ -182,25 +196,28 @@ class AtriumClient:
         """
         return self._list("/alerts", "alerts", Alert, {"after": alert, "limit": limit})
 
-    def trajectory(self, device: str, *, since: float, until: float) -> dict[str, Any]:
-        """Return where one device was, as columns; answered where the site keeps a history."""
-        return self._document(f"/trajectories/{_part(device)}", {"since": since, "until": until})
+    def trajectory(self, device: str, *, since: float, until: float, step: float = 0.0) -> Trajectory:
+        """Return where one device was; ``step``: seconds between two points at least."""
+        asked = {"since": since, "until": until, "step": step}
+        return self._ask("GET", f"/trajectories/{_part(device)}", Trajectory, params=asked)
 
-    def occupancy(self, zone: str, *, since: float, until: float, step: int = 3600) -> dict[str, Any]:
-        """Return how many people were in a zone, as columns; answered where the site keeps a history."""
-        return self._document("/occupancy", {"zone": zone, "since": since, "until": until, "step": step})
+    def occupancy(self, zone: str | None = None, *, since: float, until: float, step: int = 3600) -> Occupancy:
+        """Return how many people were in a zone, or in each, by steps of so many seconds."""
+        asked = {"zone": zone, "since": since, "until": until, "step": step}
+        return self._ask("GET", "/occupancy", Occupancy, params=asked)
 
-    def heat_map(self, floor: str, *, since: float, until: float, cell: float = 0.5) -> dict[str, Any]:
-        """Return where people spent their time on a floor; answered where the site keeps a history."""
-        return self._document("/heatmap", {"floor": floor, "since": since, "until": until, "cell": cell})
+    def heat_map(self, floor: str, *, since: float, until: float, cell: float = 0.5) -> HeatMap:
+        """Return where people spent their time on a floor, in whole quarter hours; ``cell``: its side, m."""
+        asked = {"floor": floor, "since": since, "until": until, "cell": cell}
+        return self._ask("GET", "/heatmap", HeatMap, params=asked)
 
-    def dwell(self, *, since: float, until: float) -> dict[str, Any]:
-        """Return how long people stayed in each zone; answered where the site keeps a history."""
-        return self._document("/dwell", {"since": since, "until": until})
+    def dwell(self, *, since: float, until: float, at: str = "zones") -> DwellReport:
+        """Return how long people stayed in each zone, or ``at="exhibits"`` before each, in whole quarter hours."""
+        return self._ask("GET", "/dwell", DwellReport, params={"since": since, "until": until, "at": at})
 
-    def flows(self, *, since: float, until: float) -> dict[str, Any]:
-        """Return how many people went from which zone to which; answered where the site keeps a history."""
-        return self._document("/flows", {"since": since, "until": until})
+    def flows(self, *, since: float, until: float, at: str = "zones") -> Flows:
+        """Return how often people went from which zone, or exhibit, to which, in whole quarter hours."""
+        return self._ask("GET", "/flows", Flows, params={"since": since, "until": until, "at": at})
 
     # ---- the site
 

@@ -10,14 +10,21 @@ import msgspec
 __all__ = [
     "Alert",
     "Device",
+    "DwellAtPlace",
+    "DwellReport",
     "Exhibit",
     "ExhibitInFront",
+    "Flows",
+    "HeatMap",
     "InFront",
+    "Occupancy",
+    "OccupancyOfPlace",
     "Position",
     "Rule",
     "Schedule",
     "SignedIn",
     "Track",
+    "Trajectory",
     "Zone",
 ]
 
@@ -177,6 +184,83 @@ class Alert(msgspec.Struct, frozen=True, kw_only=True):
     rule: str = ""
     value: float | None = None
     limit: float | None = None
+
+
+class Trajectory(msgspec.Struct, frozen=True, kw_only=True):
+    """Where one device was, revisions applied: parallel columns, oldest first; ``accuracy``: one sigma."""
+
+    device: str
+    since: float
+    until: float
+    t: list[float]
+    floor: list[str]
+    x: list[float]
+    y: list[float]
+    accuracy: list[float]
+    probability: list[float]
+    track: list[int]
+    """0 where no camera saw it."""
+    state: list[str]
+
+
+class OccupancyOfPlace(msgspec.Struct, frozen=True, kw_only=True):
+    """People in one zone or area, step by step: in the mean, at most, and phones; None where nothing was counted."""
+
+    id: str
+    people: list[float | None]
+    most: list[int | None]
+    phones: list[float | None]
+
+
+class Occupancy(msgspec.Struct, frozen=True, kw_only=True):
+    """How many people were where; ``t``: when each step of so many seconds begins, by the site's clock."""
+
+    since: float
+    until: float
+    step: int
+    time_zone: str
+    t: list[float]
+    places: list[OccupancyOfPlace]
+
+
+class HeatMap(msgspec.Struct, frozen=True, kw_only=True):
+    """Seconds and people per cell of a floor, rows go up from ``origin``; None where too few were to tell."""
+
+    floor: str
+    since: float
+    until: float
+    origin: Point
+    cell: float
+    seconds: list[list[float | None]]
+    people: list[list[int | None]]
+
+
+class DwellAtPlace(msgspec.Struct, frozen=True, kw_only=True):
+    """Stays at one place; mean, median and 90th percentile in seconds, all None where too few were to tell."""
+
+    id: str
+    people: int | None
+    visits: int | None
+    mean: float | None
+    median: float | None
+    p90: float | None
+
+
+class DwellReport(msgspec.Struct, frozen=True, kw_only=True):
+    """How long people stayed at each place."""
+
+    since: float
+    until: float
+    places: list[DwellAtPlace]
+
+
+class Flows(msgspec.Struct, frozen=True, kw_only=True):
+    """How often people went from the row's zone to the column's next; None where too few did to tell."""
+
+    since: float
+    until: float
+    zones: list[str]
+    counts: list[list[int | None]]
 
 
 class SignedIn(msgspec.Struct, frozen=True, kw_only=True):

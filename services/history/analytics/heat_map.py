@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["HeatMapSum", "grid_of", "suppressed"]
+from services.history.analytics.anonymity import surely
+
+__all__ = ["HeatMapSum", "grid_of"]
 
 
 def grid_of(bounds: tuple[float, float, float, float], cell: float) -> tuple[tuple[float, float], int, int]:
@@ -51,19 +53,21 @@ class HeatMapSum:
         if sum(part.size for part in self._pairs) > 2 * self._pairs[0].size + MOST_LOOSE:
             self._pairs = [_distinct(np.concatenate(self._pairs))]
 
-    def sums(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return seconds and people of each cell, shape (rows, columns); not to be told as they are."""
+    def told(self, known: NDArray[np.bool_], fewest: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return seconds and people of each cell, shape (rows, columns); 0 where surely fewer than ``fewest`` were.
+
+        Args:
+            known: whether each person is the carrier of a known phone, by number.
+            fewest: people.
+        """
+        cells = self._seconds.size
         pairs = _distinct(np.concatenate([np.empty(0, np.int64), *self._pairs]))
-        people = np.bincount(pairs % self._seconds.size, minlength=self._seconds.size)
-        return self._seconds.reshape(self._shape), people.reshape(self._shape)
-
-
-def suppressed(
-    seconds: NDArray[np.float64], people: NDArray[np.int64], fewest: int
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return sums that may be told: NaN and 0 where fewer than ``fewest`` people were."""
-    enough = people >= fewest
-    return np.where(enough, seconds, np.nan), np.where(enough, people, 0)
+        people = np.bincount(pairs % cells, minlength=cells)
+        carriers = np.bincount(pairs[known[pairs // cells]] % cells, minlength=cells)
+        enough = surely(people, carriers) >= fewest
+        return np.where(enough, self._seconds, 0.0).reshape(self._shape), np.where(enough, people, 0).reshape(
+            self._shape
+        )
 
 
 def _distinct(values: NDArray[np.int64]) -> NDArray[np.int64]:

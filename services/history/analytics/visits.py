@@ -9,17 +9,27 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-__all__ = ["DwellStatistics", "VisitSum", "Visits", "dwell_of", "flows_of", "joined"]
+from services.history.analytics.anonymity import surely
+
+__all__ = ["DwellStatistics", "VisitSum", "Visits", "dwell_of", "flows_of", "joined", "lasting", "told"]
 
 
 @dataclass(frozen=True, slots=True)
 class Visits:
-    """Stays in parallel arrays of shape (n,), by place, person and time: numbers of place and person, s, s."""
+    """Stays in parallel arrays of shape (n,), by place, person and time: numbers of place and person, s, s.
+
+    ``known``: whether the person is the carrier of a known phone.
+    """
 
     place: NDArray[np.int64]
     person: NDArray[np.int64]
     begin: NDArray[np.float64]
     end: NDArray[np.float64]
+    known: NDArray[np.bool_]
+
+    def where(self, kept: NDArray[np.bool_]) -> Visits:
+        """Return some of the stays."""
+        return Visits(self.place[kept], self.person[kept], self.begin[kept], self.end[kept], self.known[kept])
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,15 +43,27 @@ class DwellStatistics:
     p90: float
 
 
-def joined(parts: Sequence[Visits], shortest: float) -> Visits:
-    """Return the stays of several days that lasted ``shortest`` seconds or longer; everybody is new each day."""
+def lasting(visits: Visits, shortest: float) -> Visits:
+    """Return the stays that lasted ``shortest`` seconds or longer."""
+    return visits.where(visits.end - visits.begin >= shortest)
+
+
+def told(visits: Visits, places: int, fewest: int) -> Visits:
+    """Return the stays at those of so many places at which surely ``fewest`` people or more were."""
+    people = np.unique(np.column_stack([visits.place, visits.person, visits.known]), axis=0)
+    count = np.bincount(people[:, 0], minlength=places)
+    known = np.bincount(people[people[:, 2] > 0, 0], minlength=places)
+    return visits.where((surely(count, known) >= fewest)[visits.place])
+
+
+def joined(parts: Sequence[Visits]) -> Visits:
+    """Return the stays of several days; everybody is new each day."""
     first = np.cumsum([0, *(part.person.max(initial=-1) + 1 for part in parts)])
     place = np.concatenate([np.empty(0, np.int64), *(part.place for part in parts)])
     person = np.concatenate([np.empty(0, np.int64), *(p.person + n for p, n in zip(parts, first, strict=False))])
     begin = np.concatenate([np.empty(0), *(part.begin for part in parts)])
     end = np.concatenate([np.empty(0), *(part.end for part in parts)])
-    long = end - begin >= shortest
-    return Visits(place[long], person[long], begin[long], end[long])
+    return Visits(place, person, begin, end, np.concatenate([np.empty(0, bool), *(part.known for part in parts)]))
 
 
 class VisitSum:
@@ -76,8 +98,8 @@ class VisitSum:
                 runs = _runs(person[inside], t[inside], t[inside] + seconds[inside], self._away)
                 self._runs.append(np.column_stack([np.full(len(runs), place), runs]))
 
-    def visits(self) -> Visits:
-        """Return all stays."""
+    def visits(self, known: NDArray[np.bool_]) -> Visits:
+        """Return all stays; ``known``: whether each person is the carrier of a known phone, by number."""
         rows = np.concatenate(self._runs) if self._runs else np.empty((0, 4))
         rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
         parts = []
@@ -86,7 +108,8 @@ class VisitSum:
             runs = _runs(of[:, 1].astype(np.int64), of[:, 2], of[:, 3], self._away)
             parts.append(np.column_stack([np.full(len(runs), place), runs]))
         found = np.concatenate(parts) if parts else rows
-        return Visits(found[:, 0].astype(np.int64), found[:, 1].astype(np.int64), found[:, 2], found[:, 3])
+        person = found[:, 1].astype(np.int64)
+        return Visits(found[:, 0].astype(np.int64), person, found[:, 2], found[:, 3], known[person])
 
 
 def dwell_of(visits: Visits, place: int) -> DwellStatistics:
@@ -101,7 +124,7 @@ def dwell_of(visits: Visits, place: int) -> DwellStatistics:
 
 
 def flows_of(visits: Visits, places: int, within: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return how often somebody who left one place was next at another, and how many people did.
+    """Return how often somebody who left one place was next at another, and how many people surely did.
 
     Args:
         visits: stays.
@@ -117,9 +140,10 @@ def flows_of(visits: Visits, places: int, within: float) -> tuple[NDArray[np.int
     went = (person[1:] == person[:-1]) & (place[1:] != place[:-1]) & (begin[1:] - end[:-1] <= within)
     leg = place[:-1][went] * places + place[1:][went]
     counts = np.bincount(leg, minlength=places * places)
-    once = np.unique(np.column_stack([leg, person[1:][went]]), axis=0)
+    once = np.unique(np.column_stack([leg, person[1:][went], visits.known[order][1:][went]]), axis=0)
     people = np.bincount(once[:, 0], minlength=places * places)
-    return counts.reshape(places, places), people.reshape(places, places)
+    known = np.bincount(once[once[:, 2] > 0, 0], minlength=places * places)
+    return counts.reshape(places, places), surely(people, known).reshape(places, places)
 
 
 def _runs(

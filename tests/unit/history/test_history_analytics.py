@@ -9,12 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from services.history.analytics.heat_map import HeatMapSum, grid_of, suppressed
+from services.history.analytics.heat_map import HeatMapSum, grid_of
 from services.history.analytics.local_time import by_step, step_edges
 from services.history.analytics.trajectory import one_way
-from services.history.analytics.visits import Visits, VisitSum, dwell_of, flows_of, joined
+from services.history.analytics.visits import Visits, VisitSum, dwell_of, flows_of, joined, lasting, told
 
 SQUARES = [np.array([(x, 0.0), (x + 2.0, 0.0), (x + 2.0, 2.0), (x, 2.0)]) for x in (0.0, 4.0, 8.0)]
+NOBODY = np.zeros(9, bool)
+"""Carries a known phone."""
 Moment = tuple[int, float, float]
 
 
@@ -27,20 +29,28 @@ def test_a_cell_tells_nothing_unless_five_people_were_in_it() -> None:
     for person in range(5):
         total.add(ints([person] * 3), np.array([0.5, 0.6, 2.5]), np.array([0.5, 0.5, 1.5]), np.full(3, 2.0))
     total.add(ints([0, 0]), np.array([1.5, 9.0]), np.array([0.5, 9.0]), np.array([100.0, 1.0]))
-    seconds, people = suppressed(*total.sums(), 5)
+    seconds, people = total.told(np.ones(5, bool), 5)
     assert people.tolist() == [[5, 0, 0], [0, 0, 5]]
-    assert seconds[0, 0] == 20.0
-    assert seconds[1, 2] == 10.0
-    assert np.isnan(seconds[0, 1]), "one person for long is still one person"
+    assert seconds.tolist() == [[20.0, 0, 0], [0, 0, 10.0]], "one person for long is still one person"
+    _, people = total.told(np.zeros(5, bool), 5)
+    assert not people.any(), "five tracks without a known phone may be one person"
+
+
+def test_of_places_with_few_people_no_stay_is_told() -> None:
+    place, person = ints([0] * 5 + [1] * 24 + [2] * 25), ints([*range(5), *range(24), *range(25)])
+    known = np.arange(54) < 5
+    stays = Visits(place, person, np.zeros(54), np.full(54, 9.0), known)
+    assert set(told(stays, 3, 5).place.tolist()) == {0, 2}, "24 tracks may be four people"
+    assert told(lasting(stays, 10.0), 3, 5).place.size == 0
 
 
 def test_stays_of_several_days_are_of_other_people_and_short_ones_are_none() -> None:
-    day = Visits(ints([0, 0, 1]), ints([0, 2, 2]), np.array([0.0, 0.0, 50.0]), np.array([20.0, 4.0, 90.0]))
-    both = joined([day, stays([], 0.0, 1), day], 5.0)
+    day = Visits(ints([0, 0, 1]), ints([0, 2, 2]), np.array([0.0, 0.0, 50.0]), np.array([20.0, 4.0, 90.0]), NOBODY[:3])
+    both = joined([lasting(part, 5.0) for part in (day, stays([], 0.0, 1), day)])
     assert both.person.tolist() == [0, 2, 3, 5]
     assert both.place.tolist() == [0, 1, 0, 1]
     assert dwell_of(both, 0).people == 2
-    assert joined([], 5.0).place.size == 0
+    assert joined([]).place.size == 0
 
 
 def test_a_grid_covers_its_bounds() -> None:
@@ -61,7 +71,7 @@ def stays(moments: list[Moment], away: float, parts: int) -> Visits:
             np.ones(len(chosen)),
             np.ones(len(chosen)),
         )
-    return total.visits()
+    return total.visits(NOBODY)
 
 
 def slow_stays(moments: list[Moment], away: float) -> list[tuple[int, int, float, float]]:
@@ -88,7 +98,9 @@ def test_stays_are_those_of_a_slow_search_however_time_is_cut(moments: list[Mome
 
 
 def test_dwell_counts_people_and_their_stays() -> None:
-    visits = Visits(ints([0, 0, 0, 1]), ints([1, 1, 2, 1]), np.array([0.0, 100, 0, 50]), np.array([10.0, 130, 20, 60]))
+    visits = Visits(
+        ints([0, 0, 0, 1]), ints([1, 1, 2, 1]), np.array([0.0, 100, 0, 50]), np.array([10.0, 130, 20, 60]), NOBODY[:4]
+    )
     told = dwell_of(visits, 0)
     assert (told.people, told.visits, told.mean, told.median, told.p90) == (2, 3, 20.0, 20.0, 28.0)
     assert dwell_of(visits, 2).visits == 0
@@ -98,9 +110,10 @@ def test_flows_are_from_one_place_to_the_next_in_time() -> None:
     #        place, person, begin, end: person 1 goes 0, 1, 0 quickly; person 2 goes 0 and much later 1
     rows = [(0, 1, 0, 10), (1, 1, 20, 30), (0, 1, 40, 50), (0, 2, 0, 10), (1, 2, 5000, 5010)]
     place, person, begin, end = (np.array(column) for column in zip(*rows, strict=True))
-    counts, people = flows_of(Visits(place, person, begin * 1.0, end * 1.0), 3, 600.0)
+    counts, people = flows_of(Visits(place, person, begin * 1.0, end * 1.0, np.ones(5, bool)), 3, 600.0)
     assert counts.tolist() == [[0, 1, 0], [1, 0, 0], [0, 0, 0]]
     assert people.tolist() == counts.tolist()
+    assert not flows_of(Visits(place, person, begin * 1.0, end * 1.0, NOBODY[:5]), 3, 600.0)[1].any()
     assert flows_of(stays([], 0.0, 1), 2, 600.0)[0].tolist() == [[0, 0], [0, 0]]
 
 
@@ -153,4 +166,4 @@ def test_where_two_areas_tell_of_a_moment_the_more_probable_counts() -> None:
 def test_an_odd_polygon_breaks_nothing(corners: list[tuple[float, float]]) -> None:
     total = VisitSum([np.array(corners, float)], 0.0)
     total.add([0], ints([1]), np.zeros(1), np.array([1.9]), np.array([1.0]), np.ones(1))
-    assert len(total.visits().place) <= 1
+    assert len(total.visits(NOBODY).place) <= 1

@@ -50,7 +50,7 @@ def ask(desk: Desk, question: HistoryQuestion) -> HistoryAnswer:
 def test_a_track_s_number_is_somebody_else_the_next_day_and_days_that_are_over_are_read_once(
     site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    engine, now = filled(tmp_path, 2), [local(3, 13)]
+    engine, now = filled(tmp_path, 25), [local(3, 13)]
     desk = Desk(engine, site, lambda: [SQUARE], lambda: now[0])
     read: list[float] = []
     real = desk_module.parts_of
@@ -65,16 +65,34 @@ def test_a_track_s_number_is_somebody_else_the_next_day_and_days_that_are_over_a
     for _ in range(2):
         told = ask(desk, heat)
         assert isinstance(told, HeatMap)
-        assert (told.people[0][0], told.seconds[0][0]) == (6, 120.0)
-        assert {value for row in told.people for value in row} == {6, None}
+        assert (told.people[0][0], told.seconds[0][0]) == (75, 1500.0)
+        assert {value for row in told.people for value in row} == {75, None}
         stays = ask(desk, dwell)
         assert isinstance(stays, Dwell)
-        assert (stays.places[0].people, stays.places[0].mean) == (6, 20.0)
+        assert (stays.places[0].people, stays.places[0].mean) == (75, 20.0)
     assert [read.count(local(day, 0)) for day in (1, 2, 3)] == [2, 2, 4]
-    two_days = AskHeatMap(floor="ground", since=local(1, 0), until=local(3, 0), cell=2.0)
-    told = ask(desk, two_days)
+
+
+def test_few_people_a_day_are_too_few_however_many_days(site: Site, tmp_path: Path) -> None:
+    desk = Desk(filled(tmp_path, 24), site, lambda: [SQUARE], lambda: local(3, 13))
+    told = ask(desk, AskHeatMap(floor="ground", since=local(1, 0), until=local(4, 0), cell=2.0))
     assert isinstance(told, HeatMap)
-    assert told.people[0][0] is None, "four people are too few, however many days"
+    assert told.people[0][0] is None, "who sits there every day would be told of alone"
+    stays = ask(desk, AskDwell(since=local(1, 0), until=local(4, 0)))
+    assert isinstance(stays, Dwell)
+    assert stays.places[0].people is None
+
+
+def test_two_periods_that_differ_by_seconds_tell_the_same(site: Site, tmp_path: Path) -> None:
+    """The difference of two sums would tell of one person what neither tells."""
+    desk = Desk(filled(tmp_path, 25), site, lambda: [SQUARE], lambda: local(3, 13))
+    answers = {
+        desk.answer(msgspec.json.encode(AskHeatMap(floor="ground", since=begin, until=end, cell=2.0)))
+        for begin, end in ((local(2, 12), local(2, 12) + 11.0), (local(2, 12) + 7.0, local(2, 12) + 899.0))
+    }
+    (told,) = map(decode_answer, answers)
+    assert isinstance(told, HeatMap)
+    assert told.seconds[0][0] == 500.0
 
 
 def test_sums_of_days_are_made_anew_after_a_while_and_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,8 +3,9 @@
 import gzip
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from sqlalchemy import Engine, func, select
 from typer.testing import CliRunner
 
 from services.cli.main import app
+from services.history import transfer
 from services.history.entries import AlertTold, Counted, Entry, Forgotten
 from services.history.reads import device_points, minutes_of, parts_of
 from services.history.retention import Retention, Tidying
@@ -135,6 +137,25 @@ def test_who_is_erased_does_not_come_back_from_a_backup(tmp_path: Path) -> None:
     assert len(device_points(engine, "d-1", NOON, NOON + DAY).t) == 0
     with engine.connect() as connection:
         assert connection.scalars(select(AlertRow.device)).all() == [None]
+
+
+def test_who_withdraws_during_an_export_is_erased_where_it_is_brought_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, other = fresh(tmp_path, "one.db"), fresh(tmp_path, "other.db")
+    bring_in(one, day_of(NOON))
+    real = transfer._pages
+
+    def pages(*arguments: Any) -> Iterator[Any]:
+        for row in real(*arguments):
+            bring_in(one, [Forgotten(device="d-1", t=NOON)], "meanwhile")
+            yield row
+
+    monkeypatch.setattr(transfer, "_pages", pages)
+    export_history(one, tmp_path / "all.gz")
+    import_history(other, tmp_path / "all.gz")
+    assert count(other, BlockRow) > 0
+    assert len(device_points(other, "d-1", NOON, NOON + DAY).t) == 0
 
 
 def spoiled(change: Callable[[dict[str, object]], object]) -> Callable[[list[str]], list[str]]:

@@ -15,6 +15,7 @@ from sqlalchemy import Engine, func, select
 from services.history.blocks import COLUMNS, BlockError, check, decode, encode, merge
 from services.history.database import VERSION_TABLE
 from services.history.entries import AlertTold, Counted, Entry, Forgotten, Points
+from services.history.persons import Persons
 from services.history.reads import device_points, minutes_of, parts_of
 from services.history.sampling import Sampler
 from services.history.store import Store
@@ -93,19 +94,36 @@ def test_one_position_a_second_is_kept_in_a_block_per_minute(engine: Engine) -> 
     assert (areas.people.tolist(), areas.most.tolist(), areas.phones.tolist()) == ([60] * 3, [1] * 3, [60] * 3)
 
 
-def test_a_track_goes_by_its_first_id_and_whom_no_camera_sees_is_nobody_without_a_name(engine: Engine) -> None:
+def test_tracks_that_carried_the_same_phone_are_one_person_and_all_others_are_not(engine: Engine) -> None:
+    """7 carries the phone, is lost, and found as 9; 8 is somebody else, though 9 was taken for it once; 0 is unseen."""
     sampler = Sampler(1.0, FLOORS)
-    bring_in(
-        engine,
-        [
-            *sampler.tracks(frame(NOON, [(7, 1.0, 1.0, None)])),
-            *sampler.tracks(frame(NOON + 2, [(9, 1.0, 1.0, None), (0, 5.0, 5.0, "d-2")], ["d-2"], {9: [7, 8]})),
-        ],
-    )
-    (part,) = parts_of(engine, "track", NOON, NOON + MINUTE)
-    assert part.person.tolist() == [0, 0]
-    (part,) = parts_of(engine, "device", NOON, NOON + MINUTE)
+    told = [
+        frame(NOON, [(7, 1.0, 1.0, "d-1"), (8, 2.0, 1.0, None)]),
+        frame(NOON + 60, [(8, 2.0, 1.0, None), (9, 1.0, 1.0, None)], former={9: [7, 8]}),
+        frame(NOON + 120, [(8, 2.0, 1.0, None), (9, 1.0, 1.0, "d-1"), (0, 5.0, 5.0, "d-2")], ["d-2"], {9: [7, 8]}),
+    ]
+    bring_in(engine, [entry for one in told for entry in sampler.tracks(one)])
+
+    def who() -> dict[float, set[int]]:
+        (part,) = parts_of(engine, "track", NOON, NOON + 200)
+        assert part.t.size == 6, "nobody is lost because a name moved on"
+        return {x: set(part.person[part.x == x].tolist()) for x in (1.0, 2.0)}
+
+    assert [len(who()[x]) for x in (1.0, 2.0)] == [1, 1]
+    assert not who()[1.0] & who()[2.0]
+    bring_in(engine, [Forgotten(device="d-1", t=NOON)], "forgotten")
+    assert [len(who()[x]) for x in (1.0, 2.0)] == [2, 1], "the phone alone knew"
+    (part,) = parts_of(engine, "device", NOON, NOON + 200)
     assert part.x.tolist() == [5.0]
+
+
+def test_a_track_is_the_carrier_s_of_the_phone_it_had_longest_and_nobody_is_in_two_places() -> None:
+    carried = [("a", "hall", "1:60"), ("b", "hall", "1:20 3:60"), ("a", "hall", "2:40"), ("a", "hall", "4:9 5:8")]
+    lives = [("hall", "1", 10, 20), ("hall", "2", 15, 30), ("hall", "3", 0, 90), ("hall", "4", 20, 21)]
+    persons = Persons([*carried, ("a", "west", "1:3")], [*lives, ("hall", "5", 19, 22), ("west", "1", 40, 41)])
+    told = [persons.device("hall", track) for track in "123456"]
+    assert told == ["a", None, "b", "a", None, None], "2 was there together with 1, and 5 with 4"
+    assert persons.device("west", "1") == "a"
 
 
 def test_a_revision_takes_the_place_of_what_was_said_since(engine: Engine) -> None:
