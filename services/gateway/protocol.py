@@ -342,7 +342,7 @@ class OwnRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class OwnWay(msgspec.Struct, frozen=True, kw_only=True):
-    """Where this phone was, as is known now; parallel columns, oldest first."""
+    """Where this phone was, as is known now, in parallel columns, and what was told of it; oldest first."""
 
     since: float
     until: float
@@ -352,6 +352,7 @@ class OwnWay(msgspec.Struct, frozen=True, kw_only=True):
     y: list[float]
     accuracy: list[float]
     """One sigma, m."""
+    alerts: list[OwnAlert]
 
 
 class OwnExport(msgspec.Struct, frozen=True, kw_only=True):

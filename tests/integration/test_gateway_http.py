@@ -20,11 +20,12 @@ from history_world import frame
 from waiting import wait_until
 
 from services.api.pseudonyms import ERASED
+from services.gateway.devices.own_alerts import OwnAlertBook
 from services.gateway.devices.own_past import OwnPast
 from services.gateway.protocol import OwnExport
 from services.history.database import migrate
 from shared.bus import router
-from shared.messages import TrackFrame
+from shared.messages import Alert, TrackFrame
 from shared.site import load_site
 from shared.zones import ZoneSet
 
@@ -222,20 +223,36 @@ def test_a_visitor_takes_away_all_that_is_stored_of_them(
     migrate(f"sqlite:///{tmp_path / 'history.db'}")
     with running_history(load_site(project / "deploy/sites/hall/site.yaml"), project, gateway.endpoint, tmp_path):
         tracks = listener.bus.publisher(listener.keys.tracks("hall"), TrackFrame)
-        past, since = OwnPast(listener.bus, listener.keys), time.time()
+        past, since = OwnPast(listener.bus, listener.keys, OwnAlertBook([], 1.0).told), time.time()
+        entered = Alert(
+            t=since,
+            id="met-1",
+            zone="entrance",
+            kind="proximity",
+            area="hall",
+            track=1,
+            floor="ground",
+            x=7.0,
+            y=3.0,
+            device=other.device,
+            other_device=phone.device,
+        )
+        told = listener.bus.publisher(listener.keys.alert("entrance"), Alert, cached=True)
+        told.publish(entered)
 
         def points() -> int:
             now = time.time()
             tracks.publish(frame(now, [(1, 7.0, 3.0, phone.device), (2, 9.0, 3.0, other.device)]))
-            return sum(len(way.t) for way in past.ways(phone.device, since, now))
+            return sum(len(way.t) * len(way.alerts) for way in past.ways(phone.device, since, now))
 
-        wait_until(points, 15, "history to know the way")
+        wait_until(points, 15, "history to know way and alert")
         taken = phone.http.get(f"{own}/export", headers=phone.headers)
     assert taken.headers["Content-Disposition"] == f'attachment; filename="atrium-{phone.device}.json"'
     everything = msgspec.json.decode(taken.content, type=OwnExport)
     (way,) = everything.ways
     assert way.t
     assert {(x, y, floor) for x, y, floor in zip(way.x, way.y, way.floor, strict=True)} == {(7.0, 3.0, "ground")}
+    assert [alert.kind for alert in way.alerts] == ["proximity"]
     assert everything.record.device == phone.device
     assert other.device not in taken.text
     wait_until(lambda: phone.http.get(own, headers=phone.headers).status_code == 429, 60, "the ration to be used up")

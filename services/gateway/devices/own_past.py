@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import TypeVar
 
 import msgspec
 import structlog
 
-from services.gateway.protocol import OwnKept, OwnLessons, OwnWay
+from services.gateway.protocol import OwnAlert, OwnKept, OwnLessons, OwnWay
 from shared.bus import Bus
-from shared.history_query import LONGEST_TRAJECTORY, AskTrajectory, Trajectory, decode_answer, numbers
+from shared.history_query import (
+    LONGEST_TRAJECTORY,
+    AskAlerts,
+    AskTrajectory,
+    DeviceAlerts,
+    HistoryQuestion,
+    Trajectory,
+    decode_answer,
+    numbers,
+)
 from shared.kept import decode_kept
 from shared.keys import Keys
 from shared.learning_report import LearningReport
+from shared.messages import Alert
 
 __all__ = ["AwayError", "OwnPast"]
 
@@ -20,6 +31,8 @@ SOON, PATIENCE = 2.0, 60.0
 """Seconds services have to answer; history for two days of one phone."""
 LONGEST = 366.0 * 86400.0
 """Seconds of the past that are asked for at most: as long as a token may be valid."""
+
+A = TypeVar("A", Trajectory, DeviceAlerts)
 
 log = structlog.get_logger(__name__)
 
@@ -34,10 +47,12 @@ class OwnPast:
     Args:
         bus: where services are asked.
         keys: of the site.
+        told: returns an alert as the phone it is about is told of it.
     """
 
-    def __init__(self, bus: Bus, keys: Keys) -> None:
+    def __init__(self, bus: Bus, keys: Keys, told: Callable[[Alert], OwnAlert]) -> None:
         self._bus = bus
+        self._told = told
         self._keys = keys
 
     def kept(self) -> list[OwnKept]:
@@ -71,7 +86,7 @@ class OwnPast:
         raise AwayError("learning does not answer")
 
     def ways(self, device: str, since: float, until: float) -> Iterator[OwnWay]:
-        """Yield where a device was, in portions that history answers, the oldest first.
+        """Yield where a device was and what was told of it, in portions that history answers, the oldest first.
 
         Raises:
             AwayError: history does not answer, or refuses.
@@ -79,24 +94,27 @@ class OwnPast:
         begin = max(since, until - LONGEST)
         while begin < until:
             end = min(begin + LONGEST_TRAJECTORY, until)
-            yield self._way(AskTrajectory(device=device, since=begin, until=end))
+            way = self._ask(AskTrajectory(device=device, since=begin, until=end), Trajectory)
+            alerts = self._ask(AskAlerts(device=device, since=begin, until=end), DeviceAlerts).alerts
+            yield OwnWay(
+                since=begin,
+                until=end,
+                t=numbers(way.t).tolist(),
+                floor=[way.floors[row] for row in numbers(way.floor, whole=True).tolist()],
+                x=numbers(way.x).tolist(),
+                y=numbers(way.y).tolist(),
+                accuracy=numbers(way.accuracy).tolist(),
+                alerts=[self._told(alert) for alert in alerts],
+            )
             begin = end
 
-    def _way(self, question: AskTrajectory) -> OwnWay:
+    def _ask(self, question: HistoryQuestion, kind: type[A]) -> A:
         for _, payload in self._bus.ask(self._keys.history(), PATIENCE, msgspec.json.encode(question)):
             try:
                 answer = decode_answer(payload)
             except msgspec.MsgspecError as error:
                 raise AwayError(f"history's answer was not understood: {error}") from error
-            if not isinstance(answer, Trajectory):
+            if not isinstance(answer, kind):
                 raise AwayError(f"history cannot answer: {getattr(answer, 'words', 'it told something else')}")
-            return OwnWay(
-                since=question.since,
-                until=question.until,
-                t=numbers(answer.t).tolist(),
-                floor=[answer.floors[row] for row in numbers(answer.floor, whole=True).tolist()],
-                x=numbers(answer.x).tolist(),
-                y=numbers(answer.y).tolist(),
-                accuracy=numbers(answer.accuracy).tolist(),
-            )
+            return answer
         raise AwayError("history does not answer")

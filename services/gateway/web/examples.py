@@ -38,6 +38,7 @@ _WAY: dict[str, Any] = {
     "x": [7.31, 8.2],
     "y": [4.02, 4.1],
     "accuracy": [0.2, 0.2],
+    "alerts": [],
 }
 
 EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {

@@ -39,7 +39,7 @@ log = structlog.get_logger(__name__)
 def own_record_routes(gateway: Gateway, who_asks: WhoAsks) -> APIRouter:
     """Return the routes."""
     router = APIRouter()
-    past = OwnPast(gateway.bus, gateway.keys)
+    past = OwnPast(gateway.bus, gateway.keys, gateway.alerts.told)
     limiter = RateLimiter(PER_SECOND, BURST)
     places = asyncio.Semaphore(AT_ONCE)
 
@@ -113,7 +113,9 @@ def _record(gateway: Gateway, past: OwnPast, device: str, stored: Record) -> Own
         tokens=stored.tokens,
         transmitters=stored.transmitters,
         waiting=stored.waiting,
-        trial_walks=walker and OwnSteps(peak=walker.peak, mean=walker.mean, slope=walker.slope, offset=walker.offset),
+        trial_walks=None
+        if walker is None
+        else OwnSteps(peak=walker.peak, mean=walker.mean, slope=walker.slope, offset=walker.offset),
         position=gateway.positions.of(device, time.time()),
         alerts=gateway.alerts.of(device),
         learned=learned,
