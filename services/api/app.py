@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
@@ -39,7 +40,7 @@ from services.api.retention import AskAll, retention_routes
 from services.api.settings import ApiSettings
 from services.api.stream import Hub
 from services.api.stream_routes import streams
-from services.api.withdrawal_link import WithdrawalLink
+from services.api.withdrawal_link import withdraw
 from shared.keys import Keys
 from shared.site import Site
 
@@ -111,7 +112,7 @@ def create_app(
         app.include_router(router)
     app.include_router(calibration_routes(site, settings.site_file, ask, learning))
     app.include_router(history_reads(site, history, admin.viewing_places))
-    app.include_router(erasure_routes(erasures, WithdrawalLink(Keys(site.site), ask)))
+    app.include_router(erasure_routes(erasures, functools.partial(withdraw, Keys(site.site), ask)))
     app.include_router(retention_routes(Keys(site.site), ask_all, [*settings.expected_of(site), "api"]))
     log = streams(site, live, hub, alerts.past, settings.stream_patience)
     for router in (log, *alerts.routers(hub, lambda: live.zones.ids)):

@@ -14,7 +14,6 @@ from starlette.responses import Response
 from services.api.auth import Holder
 from services.api.erasure_replies import ErasureReport, Erasures, StoreErased
 from services.api.openapi import accepted, documented
-from services.api.withdrawal_link import WithdrawalLink
 from shared.messages import Erasure, ErasureDone
 
 __all__ = ["ErasureBoard", "OwnErasures", "erasure_routes"]
@@ -91,8 +90,8 @@ class OwnErasures:
         return done
 
 
-def erasure_routes(board: ErasureBoard, link: WithdrawalLink) -> APIRouter:
-    """Return the routes."""
+def erasure_routes(board: ErasureBoard, withdraw: Callable[[str, str], float]) -> APIRouter:
+    """Return the routes; ``withdraw`` ends a device's consent for one of the staff and returns when it ended, s."""
     router = APIRouter(prefix="/v1", tags=["privacy"], default_response_class=Response)
 
     @router.get("/erasures", responses=documented(Erasures))
@@ -108,7 +107,7 @@ def erasure_routes(board: ErasureBoard, link: WithdrawalLink) -> APIRouter:
         does nothing more and answers the same.
         """
         holder: Holder = request.state.holder
-        report = board.one(device, link.withdraw(device, holder.name))
+        report = board.one(device, withdraw(device, holder.name))
         return Response(msgspec.json.encode(report), 202, {"Cache-Control": "no-store"}, "application/json")
 
     return router

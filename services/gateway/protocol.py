@@ -347,11 +347,11 @@ class OwnWay(msgspec.Struct, frozen=True, kw_only=True):
     since: float
     until: float
     t: list[float]
-    floor: list[str]
     x: list[float]
     y: list[float]
     accuracy: list[float]
     """One sigma, m."""
+    floor: list[str]
     alerts: list[OwnAlert]
 
 

@@ -224,21 +224,11 @@ def test_a_visitor_takes_away_all_that_is_stored_of_them(
     with running_history(load_site(project / "deploy/sites/hall/site.yaml"), project, gateway.endpoint, tmp_path):
         tracks = listener.bus.publisher(listener.keys.tracks("hall"), TrackFrame)
         past, since = OwnPast(listener.bus, listener.keys, OwnAlertBook([], 1.0).told), time.time()
-        entered = Alert(
-            t=since,
-            id="met-1",
-            zone="entrance",
-            kind="proximity",
-            area="hall",
-            track=1,
-            floor="ground",
-            x=7.0,
-            y=3.0,
-            device=other.device,
-            other_device=phone.device,
-        )
+        about = {"device": other.device, "other_device": phone.device, "zone": "entrance", "kind": "proximity"}
+        where = {"area": "hall", "floor": "ground", "track": 1, "x": 7.0, "y": 3.0}
+        met = Alert(t=since, id="met-1", **about, **where)  # type: ignore[arg-type]
         told = listener.bus.publisher(listener.keys.alert("entrance"), Alert, cached=True)
-        told.publish(entered)
+        told.publish(met)
 
         def points() -> int:
             now = time.time()
