@@ -15,6 +15,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from shared.messages import Alert
 from shared.zones import ZoneDefinition
 
 __all__ = [
@@ -23,11 +24,13 @@ __all__ = [
     "LONGEST_PERIOD",
     "LONGEST_TRAJECTORY",
     "STATES",
+    "AskAlerts",
     "AskDwell",
     "AskFlows",
     "AskHeatMap",
     "AskOccupancy",
     "AskTrajectory",
+    "DeviceAlerts",
     "Dwell",
     "DwellRow",
     "Flows",
@@ -69,6 +72,14 @@ class AskTrajectory(msgspec.Struct, frozen=True, kw_only=True, tag="trajectory")
     until: float
     step: Annotated[float, Meta(ge=0.0, le=3600.0)] = 0.0
     """Seconds between two points at least; 0: all that is kept."""
+
+
+class AskAlerts(msgspec.Struct, frozen=True, kw_only=True, tag="alerts"):
+    """What was told of this device? For its owner: at most ``LONGEST_PERIOD``."""
+
+    device: str
+    since: float
+    until: float
 
 
 class AskOccupancy(msgspec.Struct, frozen=True, kw_only=True, tag="occupancy"):
@@ -120,7 +131,7 @@ class AskFlows(msgspec.Struct, frozen=True, kw_only=True, tag="flows"):
     """Seconds on the way between two places at most."""
 
 
-HistoryQuestion = AskTrajectory | AskOccupancy | AskHeatMap | AskDwell | AskFlows
+HistoryQuestion = AskTrajectory | AskAlerts | AskOccupancy | AskHeatMap | AskDwell | AskFlows
 
 
 class Trajectory(msgspec.Struct, frozen=True, kw_only=True, tag="trajectory"):
@@ -142,6 +153,12 @@ class Trajectory(msgspec.Struct, frozen=True, kw_only=True, tag="trajectory"):
     """int32, of ``STATES``."""
     floor: Column
     """int32, of ``floors``."""
+
+
+class DeviceAlerts(msgspec.Struct, frozen=True, kw_only=True, tag="alerts"):
+    """Alerts about one device, oldest first; none names a device."""
+
+    alerts: list[Alert]
 
 
 class OfPlace(msgspec.Struct, frozen=True, kw_only=True):
@@ -213,7 +230,7 @@ class Refusal(msgspec.Struct, frozen=True, kw_only=True, tag="refused"):
     allowed: str = ""
 
 
-HistoryAnswer = Trajectory | OccupancySeries | HeatMap | Dwell | Flows | Refusal
+HistoryAnswer = Trajectory | DeviceAlerts | OccupancySeries | HeatMap | Dwell | Flows | Refusal
 
 _questions: msgspec.json.Decoder[HistoryQuestion] = msgspec.json.Decoder(HistoryQuestion)
 _answers: msgspec.msgpack.Decoder[HistoryAnswer] = msgspec.msgpack.Decoder(HistoryAnswer)

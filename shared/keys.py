@@ -122,6 +122,14 @@ class Keys:
         """Erasure, reliable: who withdrew consent."""
         return f"{self.root}/erasure/{_part(device)}"
 
+    def withdrawal(self) -> str:
+        """Queryable: end a phone's consent for a visitor who asks staff (``shared.withdrawal``) → what came of it."""
+        return f"{self.root}/gateway/withdrawal"
+
+    def kept(self, service: str = "*", instance: str = "*") -> str:
+        """Queryable: what a process keeps of people, and for how long (``shared.kept``); every service answers."""
+        return f"{self.root}/kept/{_part(service)}/{_part(instance)}"
+
     def health(self, service: str = "*", instance: str = "*") -> str:
         """Queryable: what a process finds wrong, JSON of plain words by topic; every service answers."""
         return f"{self.root}/health/{_part(service)}/{_part(instance)}"

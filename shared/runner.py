@@ -23,6 +23,7 @@ import structlog
 from prometheus_client import CONTENT_TYPE_LATEST, Gauge, generate_latest
 
 from shared.bus import Bus, BusError, BusTimeoutError
+from shared.kept import encode_kept
 from shared.keys import Keys
 from shared.settings import ServiceSettings, SettingsError, read_settings
 from shared.site import Site, SiteError, load_site
@@ -167,6 +168,7 @@ def _live(kind: type[Service[S]], settings: S, site: Site) -> int:
             link.bus.answer(
                 service.keys.health(kind.name, service.instance), lambda: json.dumps(health.problems()).encode()
             )
+            link.bus.answer(service.keys.kept(kind.name, service.instance), lambda: encode_kept(settings.kept()))
             if not stop_requested.is_set():
                 service.run()
     except (BusError, ServiceError) as error:

@@ -20,6 +20,7 @@ from pydantic_settings import (
 )
 from pydantic_settings import SettingsError as UnreadableSettingError
 
+from shared.kept import Kept
 from shared.site.site_file import expand_environment
 
 __all__ = ["ServiceSettings", "SettingsError", "data_folder", "read_settings"]
@@ -67,6 +68,10 @@ class ServiceSettings(BaseSettings):
         path = os.environ.get("ATRIUM_CONFIG")
         file = (InitSettingsSource(settings_cls, _read_file(Path(path), settings_cls)),) if path else ()
         return (init_settings, env_settings, *file)
+
+    def kept(self) -> list[Kept]:
+        """Return what a service with these settings keeps of people, and for how long; services say what they do."""
+        return []
 
     def shown(self) -> dict[str, Any]:
         """Return the settings for the log, secrets hidden."""

@@ -4,7 +4,7 @@ import functools
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from services.api.event_log import EventLog
 from services.api.history_link import HistoryLink
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
+from services.api.pseudonyms import Pseudonyms
 from services.api.replies import HealthReport
 from services.api.settings import ApiSettings
 from services.api.stream import Hub
@@ -55,7 +56,7 @@ def _tables() -> Path:
 
 
 class Api:
-    """One application, what it published, and a client with the demo's key."""
+    """One application, what it published and asks of the bus (``ask``), and a client with the demo's key."""
 
     def __init__(self, folder: Path, site: Site, **changes: Any) -> None:
         url = changes.pop("api_database_url", f"sqlite:///{folder}/api.db")
@@ -64,7 +65,17 @@ class Api:
         settings = ApiSettings(site_file=SITE, profile="demo", api_database_url=SecretStr(url), **changes)
         self.published = Published()
         self.live = LiveState(site, 60.0, 60.0)
-        self.admin = Administration.open(settings, site, self.live, self.published)  # type: ignore[arg-type]
+        self.pseudonyms = Pseudonyms()
+        self.erased: list[str] = []
+        self.admin = Administration.open(
+            settings,
+            site,
+            self.live,
+            self.published,  # type: ignore[arg-type]
+            self.pseudonyms,
+            self.erased.append,
+        )
+        self.ask: Callable[[str, float, bytes | None], bytes | None] = lambda *_: None
         empty = HealthReport(t=0.0, status="ok", problems=[], services=[], areas=[], cameras=[])
         link = LearningLink(Keys("hall"), lambda *_: None)
         hub = Hub(EventLog(1, 1000, 1 << 20), 10.0, 5.0, 10)
@@ -74,7 +85,17 @@ class Api:
         self.alerts = AlertOffice(apart, site, lambda _: None, lambda _: None)
         past = HistoryLink(Keys("hall"), lambda *_: None)
         self.app = create_app(
-            settings, site, self.live, hub, lambda _: empty, link, past, ErasureBoard(), self.admin, self.alerts
+            settings,
+            site,
+            self.live,
+            hub,
+            lambda _: empty,
+            link,
+            past,
+            ErasureBoard(),
+            self.admin,
+            self.alerts,
+            ask=lambda *query: self.ask(*query),
         )
         self.client = TestClient(self.app, headers=DEMO, raise_server_exceptions=False)
 

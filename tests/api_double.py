@@ -38,6 +38,8 @@ class Double:
     alerts: list[dict[str, Any]] = field(default_factory=list)
     asked: list[str] = field(default_factory=list)
     """Method, path and query of every request but the stream's."""
+    erased: list[str] = field(default_factory=list)
+    """Devices whose consent staff ended."""
     problems: list[str] = field(default_factory=list)
     """Of its health."""
     scopes: list[str] = field(default_factory=lambda: ["acknowledge", "zones-admin"])
@@ -212,10 +214,26 @@ def _app(double: Double, stopping: threading.Event) -> FastAPI:
         places = [{"id": name, "people": people, "most": most, "phones": people} for name in double.zones]
         return _json({"time_zone": "UTC", "t": t, "places": places})
 
+    def erasure(device: str, *waiting: str) -> dict[str, Any]:
+        done = [{"service": "history", "t": time.time()}]
+        return {"device": device, "t": time.time() - 60, "waiting": waiting, "done": done}
+
     @app.get("/v1/erasures")
     async def erasures() -> Response:
-        row = {"device": "d-0badc0ffee1", "t": time.time() - 60, "waiting": ["learning"]}
-        return _json({"t": time.time(), "erasures": [row | {"done": [{"service": "history", "t": time.time()}]}]})
+        rows = [erasure("d-0badc0ffee1", "learning"), *(erasure(device) for device in double.erased)]
+        return _json({"t": time.time(), "erasures": rows})
+
+    @app.delete("/v1/devices/{device}")
+    async def erase(device: str) -> Response:
+        if device not in DEVICES:
+            return _problem(404, f"there is no device {device!r}")
+        double.erased.append(device)
+        return _json(erasure(device, "learning"), 202)
+
+    @app.get("/v1/privacy/retention")
+    async def retention() -> Response:
+        row = {"what": "where phones were", "settings": ["history_phone_days"], "seconds": 2.5 * 86400.0, "note": ""}
+        return _json({"t": time.time(), "kept": [row | {"service": "history"}], "silent": ["learning"]})
 
     @app.get("/v1/stream")
     async def stream() -> StreamingResponse:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
@@ -18,7 +19,7 @@ from services.api.admin.audit_layer import Audited
 from services.api.alerts.office import AlertOffice
 from services.api.auth import Guard, KeyRing
 from services.api.calibration_routes import calibration_routes
-from services.api.erasures import ErasureBoard, erasure_reads
+from services.api.erasures import ErasureBoard, erasure_routes
 from services.api.history_link import HistoryLink
 from services.api.history_reads import history_reads
 from services.api.hot_reads import HotReads
@@ -35,9 +36,12 @@ from services.api.replies import (
     HealthReport,
     SiteView,
 )
+from services.api.retention import AskAll, retention_routes
 from services.api.settings import ApiSettings
 from services.api.stream import Hub
 from services.api.stream_routes import streams
+from services.api.withdrawal_link import withdraw
+from shared.keys import Keys
 from shared.site import Site
 
 __all__ = ["create_app"]
@@ -56,6 +60,7 @@ def create_app(
     alerts: AlertOffice,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
     ask: Callable[[str, float, bytes | None], bytes | None] = lambda *_: None,
+    ask_all: AskAll = lambda *_: (),
 ) -> FastAPI:
     """Return the application.
 
@@ -72,6 +77,7 @@ def create_app(
         alerts: the inbox and the webhooks.
         lifespan: runs around the life of the server.
         ask: sends a query over the bus: key, seconds to wait, payload; None where nobody answers.
+        ask_all: sends a query that many answer: key, seconds to wait.
     """
     sources: dict[str, Callable[[float], bytes]] = {
         "/v1/positions": live.positions_json,
@@ -115,7 +121,8 @@ def create_app(
         app.include_router(router)
     app.include_router(calibration_routes(site, settings.site_file, ask, learning))
     app.include_router(history_reads(site, history, admin.viewing_places))
-    app.include_router(erasure_reads(erasures))
+    app.include_router(erasure_routes(erasures, functools.partial(withdraw, Keys(site.site), ask)))
+    app.include_router(retention_routes(Keys(site.site), ask_all, [*settings.expected_of(site), "api"]))
     log = streams(site, live, hub, alerts.past, settings.stream_patience, ring)
     for router in (log, *alerts.routers(hub, lambda: live.zones.ids)):
         app.include_router(router)

@@ -43,6 +43,7 @@ SCOPES: dict[str, Scope] = {
     "learning": "learning",
     "trajectories": "positions",
     "erasures": "positions",
+    "privacy": "site",
     "occupancy": "site",
     "heatmap": "site",
     "dwell": "site",
@@ -61,6 +62,7 @@ CHANGES: dict[str, Scope] = {
     "learning": "learning-admin",
     "alerts": "acknowledge",
     "access-points": "setup",
+    "devices": "erase",
 }
 """What anything but a read asks for there."""
 ADMIN_READS = frozenset({"/v1/learning/export"})
@@ -212,6 +214,7 @@ _MAY_NOT: dict[Scope, str] = {
     "webhooks": "see or change webhooks",
     "setup": "change how the site is set up",
     "stills": "see pictures of cameras",
+    "erase": "end the consent of phones",
 }
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from services.api.erasure_replies import Erasures
+from services.api.erasure_replies import ErasureReport, Erasures, RetentionReport
 from services.api.history_replies import DwellReport, FlowReport, HeatMapReport, OccupancyReport, TrajectoryReport
 
 __all__ = ["HISTORY_EXAMPLES"]
@@ -51,6 +51,20 @@ HISTORY_EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
         "erasures": [
             {"device": "d-7f3a", "t": _T, "done": [{"service": "history", "t": _T + 4.0}], "waiting": ["learning"]}
         ],
+    },
+    ErasureReport: {"device": "d-7f3a", "t": _T, "done": [], "waiting": ["api", "history", "learning"]},
+    RetentionReport: {
+        "t": _T,
+        "kept": [
+            {
+                "service": "history",
+                "what": "where phones were",
+                "settings": ["history_phone_days"],
+                "seconds": 2592000.0,
+                "note": "one position every 1 s",
+            }
+        ],
+        "silent": ["learning"],
     },
     FlowReport: {**_PERIOD, "zones": ["entrance", "model"], "counts": [[0, 131], [117, 0]]},
 }

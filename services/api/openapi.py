@@ -17,7 +17,7 @@ from services.api.problems import MEDIA_TYPE, Problem
 from services.api.replies import CameraReport, TrackColumns
 from shared.messages import Alert, Occupancy, Revision
 
-__all__ = ["GONE", "UNCHANGED", "created", "describe", "documented", "drawn", "error", "errors", "named"]
+__all__ = ["GONE", "UNCHANGED", "accepted", "created", "describe", "documented", "drawn", "error", "errors", "named"]
 
 _REFERENCE = "#/components/schemas/{name}"
 
@@ -59,6 +59,13 @@ def created(body: type[msgspec.Struct], *statuses: int) -> dict[int | str, dict[
     """Return the ``responses`` of a route that makes a thing and answers 201 and ``body``, or one of these errors."""
     answers = documented(body, *statuses)
     answers[201] = answers.pop(200)
+    return answers
+
+
+def accepted(body: type[msgspec.Struct], *statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Return the ``responses`` of a route that begins a thing and answers 202 and ``body``, or one of these errors."""
+    answers = documented(body, *statuses)
+    answers[202] = answers.pop(200)
     return answers
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
@@ -17,16 +16,18 @@ from services.api.admin.administration import Administration
 from services.api.alerts.inbox import Told
 from services.api.alerts.office import AlertOffice
 from services.api.app import create_app
-from services.api.erasures import ErasureBoard
+from services.api.erasures import ErasureBoard, OwnErasures
 from services.api.event_log import EventLog
 from services.api.health_report import Presence, health_report
 from services.api.history_link import HistoryLink
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
+from services.api.pseudonyms import Pseudonyms
 from services.api.replies import HealthReport
 from services.api.settings import DEMO_KEY, ApiSettings
 from services.api.stream import Hub
-from shared.bus import Bus, Delivery, Publisher
+from shared.acknowledgements import Acknowledgements
+from shared.bus import Bus, Delivery
 from shared.http_server import serve
 from shared.messages import Alert, CameraStatus, Erasure, ErasureDone, Message, Occupancy, Revision, TrackFrame
 from shared.runner import Health, Service
@@ -39,7 +40,6 @@ __all__ = ["ApiService"]
 log = structlog.get_logger(__name__)
 
 SHORTEST_KEY = 16
-ACKNOWLEDGED_KEPT = 1000
 
 
 class ApiService(Service[ApiSettings]):
@@ -54,15 +54,17 @@ class ApiService(Service[ApiSettings]):
         # Ids go on above those of the process before: nobody makes a million events a second.
         events = EventLog(int(time.time() * 1e6), settings.stream_events, int(settings.stream_megabytes * 2**20))
         self._hub = Hub(events, settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
-        self._alerts = AlertOffice(settings, site, self._tell_of_alerts, self._acknowledge_erasure)
-        self._acknowledged: OrderedDict[str, Publisher[ErasureDone]] = OrderedDict()
+        self._pseudonyms = Pseudonyms()
+        own = OwnErasures(("alerts", "books"), Acknowledgements(bus, self.keys, self.name).tell)
+        self._alerts = AlertOffice(
+            settings, site, self._tell_of_alerts, own.of("alerts"), without=self._pseudonyms.without
+        )
         self._presence = Presence()
         self._told: list[str] = []
         self._learning = LearningLink(self.keys, self._ask_once)
         self._erasures = ErasureBoard()
-        self._admin = Administration.open(
-            settings, site, self._live, bus.publisher(self.keys.zones(), ZoneSet, cached=True)
-        )
+        published = bus.publisher(self.keys.zones(), ZoneSet, cached=True)
+        self._admin = Administration.open(settings, site, self._live, published, self._pseudonyms, own.of("books"))
         self._connected = bus.connected
         self._inbox = bus.inbox(capacity=10_000)
         self._strangers: set[str] = set()
@@ -107,6 +109,7 @@ class ApiService(Service[ApiSettings]):
             self._alerts,
             self._lifespan,
             self._ask_once,
+            lambda key, timeout: list(self.bus.ask(key, timeout)),
         )
         settings = self.settings
         serve(
@@ -196,6 +199,7 @@ class ApiService(Service[ApiSettings]):
         if connected:
             self._presence.seen(alive)
         self._live.forget(now)
+        self._admin.follow_zones()
         for area in self._live.areas(now):
             if area.age is not None and area.age > self.settings.stale_after:
                 self.health.degraded(f"tracks of {area.area}", "tracks have stopped arriving, positions are ageing")
@@ -225,11 +229,12 @@ class ApiService(Service[ApiSettings]):
                 self._erasures.take(message)
             elif isinstance(message, Erasure):
                 self._erasures.take(message)
+                self._pseudonyms.add(message.device)
                 self._live.erase(message.device)
-                self._admin.erase(message.device)
                 self._learning.forget()
-                self._alerts.desk.erase(message.device)
                 self._hub.erase(message.device)
+                self._alerts.desk.erase(message.device)
+                self._admin.erase(message.device)
             elif isinstance(message, CameraStatus):
                 now = time.time()
                 if self._live.take_status(message, now):
@@ -244,15 +249,6 @@ class ApiService(Service[ApiSettings]):
         else:
             self.health.degraded("alerts", f"alerts are told but not written down: {reason}")
 
-    def _acknowledge_erasure(self, device: str) -> None:
-        """Say that no alert names a device any more; the newest ones are kept for whoever asks later."""
-        known = self._acknowledged.pop(device, None)
-        publisher = known or self.bus.publisher(self.keys.erased(device, self.name), ErasureDone, cached=True)
-        publisher.publish(ErasureDone(t=time.time(), device=device, service=self.name))
-        self._acknowledged[device] = publisher
-        if len(self._acknowledged) > ACKNOWLEDGED_KEPT:
-            self._acknowledged.popitem(last=False)[1].close()
-
     def _tell_once(self, what: str) -> None:
         """Log what is left out, once each; bounded, because names come from outside."""
         if what not in self._strangers and len(self._strangers) < 100:
@@ -260,14 +256,13 @@ class ApiService(Service[ApiSettings]):
             log.warning("left out: older than what is known, or not in the site file", what=what)
 
     def _health_report(self, now: float) -> HealthReport:
-        expected = [name for name in self.settings.expected_services if name != "camera" or self.site.cameras]
         return health_report(
             now,
             connected=self._connected,
             services=self._presence.services(),
             areas=self._live.areas(now),
             cameras=self._live.cameras(now),
-            expected=expected,
+            expected=self.settings.expected_of(self.site),
             stale_after=self.settings.stale_after,
             unwatched=[area.id for area in self.site.areas if not self.site.cameras_of(area.id)],
             told=self._told,

@@ -10,8 +10,10 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SecretStr, field_validator
 from pydantic_settings import NoDecode
 
+from shared.kept import Kept
 from shared.proxies import ProxyAddresses
 from shared.settings import ServiceSettings
+from shared.site import Site
 
 __all__ = ["ALL_SCOPES", "DEMO_KEY", "READ_SCOPES", "ApiKey", "ApiSettings", "Scope", "default_api_database_url"]
 
@@ -32,15 +34,25 @@ Scope = Literal[
     "webhooks",
     "stills",
     "setup",
+    "erase",
 ]
 """What a key may read: positions and tracks; alerts; the site, its zones and cameras; health; what is learned. And what
 it may do: ``learning-admin`` rolls models back, freezes learning, takes models out and brings them in; ``zones-admin``
 draws zones and exhibits; ``accounts`` issues keys and lets people in; ``audit`` reads who did what; ``acknowledge``
 notes who looked at an alert; ``webhooks`` says where alerts are sent; ``stills``
-sees pictures of cameras; ``setup`` saves calibrations and places of access points."""
+sees pictures of cameras; ``setup`` saves calibrations and places of access points; ``erase`` ends the consent of a
+phone, for a visitor who asks."""
 ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
 READ_SCOPES: tuple[Scope, ...] = ("positions", "alerts", "site", "health", "learning")
-PAGES_SCOPES: tuple[Scope, ...] = (*READ_SCOPES, "acknowledge", "zones-admin", "learning-admin", "stills", "setup")
+PAGES_SCOPES: tuple[Scope, ...] = (
+    *READ_SCOPES,
+    "acknowledge",
+    "zones-admin",
+    "learning-admin",
+    "stills",
+    "setup",
+    "erase",
+)
 """What the pages of the dashboard offer."""
 
 
@@ -162,3 +174,36 @@ class ApiSettings(ServiceSettings):
         if len({key.key.get_secret_value() for key in keys}) < len(keys):
             raise ValueError("the same key is listed twice")
         return keys
+
+    def expected_of(self, site: Site) -> list[str]:
+        """Return the services that should run at a site."""
+        return [name for name in self.expected_services if name != "camera" or site.cameras]
+
+    def kept(self) -> list[Kept]:
+        """What the API keeps of people."""
+        day = 86400.0
+        return [
+            Kept(what="where everybody is now", settings=("tracks_kept",), seconds=self.tracks_kept),
+            Kept(what="where a phone was last", settings=("positions_kept",), seconds=self.positions_kept),
+            Kept(
+                what="alerts, for the inbox",
+                settings=("alert_days", "alerts_kept"),
+                seconds=self.alert_days * day,
+                note=f"the newest {self.alerts_kept}",
+            ),
+            Kept(
+                what="alerts that a webhook did not take",
+                settings=("webhook_dead_days",),
+                seconds=self.webhook_dead_days * day,
+            ),
+            Kept(
+                what="what was told on streams",
+                settings=("stream_events", "stream_megabytes"),
+                note=f"in memory: the newest {self.stream_events} events, {self.stream_megabytes:g} MB at most",
+            ),
+            Kept(
+                what="which of the staff looked up whom or changed what",
+                settings=("audit_days",),
+                seconds=self.audit_days * day,
+            ),
+        ]

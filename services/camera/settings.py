@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from shared.kept import Kept
 from shared.settings import ServiceSettings
 
 __all__ = ["CameraSettings"]
@@ -48,3 +49,20 @@ class CameraSettings(ServiceSettings):
         "an operator opened it by name; off: none ever does",
     )
     still_minutes: float = Field(15.0, gt=0, le=60, description="how long stills stay open, with allow_stills")
+
+    def kept(self) -> list[Kept]:
+        """What a camera's process keeps of people."""
+        rows = []
+        if self.ring_megabytes > 0:
+            rows.append(
+                Kept(
+                    what="pictures, shrunk",
+                    settings=("ring_minutes", "ring_megabytes"),
+                    seconds=60.0 * self.ring_minutes,
+                    note="in memory, never on disk",
+                )
+            )
+        where = "in memory" if self.scene_file is None else "on disk"
+        note = f"{where}; who stands unseen for minutes may leave a faint trace"
+        rows.append(Kept(what="what the scene looks like without people", settings=("scene_file",), note=note))
+        return rows

@@ -25,7 +25,7 @@ def staff() -> None:
 @app.command()
 def add(
     name: Annotated[str, typer.Argument(help="the name to sign in with")],
-    role: Annotated[str, typer.Option(help="viewer, guard, curator or admin")] = "admin",
+    role: Annotated[str, typer.Option(help="viewer, guard, desk, curator or admin")] = "admin",
     password_stdin: Annotated[
         bool, typer.Option("--password-stdin", help="read the password from standard input")
     ] = False,
@@ -45,7 +45,9 @@ def add(
         password = typer.prompt("Password", hide_input=True, confirmation_prompt=True)
     try:
         wanted = only_known(
-            {"name": name, "role": role, "password": password}, NewUser, "viewer, guard, curator or admin; a password"
+            {"name": name, "role": role, "password": password},
+            NewUser,
+            "viewer, guard, desk, curator or admin; a password",
         )
         engine = open_admin(default_api_database_url())
         Accounts(engine, session_hours=1.0, session_rate=1.0).let_in(wanted.name, wanted.role, wanted.password)

@@ -26,12 +26,12 @@ LARGEST_BODY = 256 * 1024
 ONE = r"[A-Za-z0-9][A-Za-z0-9_.:-]{0,127}"
 READS = re.compile(
     rf"v1/(site|health|cameras|zones|exhibits|tracks|positions(/{ONE})?|alerts|occupancy|heatmap|dwell|flows"
-    r"|erasures|session)"
+    r"|erasures|privacy/retention|session)"
 )
 WRITES = {
     "POST": re.compile(rf"v1/(zones|alerts/{ONE}/acknowledge)"),
     "PUT": re.compile(rf"v1/zones/{ONE}"),
-    "DELETE": re.compile(rf"v1/zones/{ONE}"),
+    "DELETE": re.compile(rf"v1/(zones|devices)/{ONE}"),
 }
 KEPT_HEADERS = ("etag", "location", "retry-after")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from pydantic import Field
 
 from services.fusion.registry import DEFAULT_TRACKER, TRACKERS
+from shared.kept import Kept
 from shared.settings import ServiceSettings
 
 __all__ = ["FusionSettings"]
@@ -35,3 +36,22 @@ class FusionSettings(ServiceSettings):
     )
     rescore_megabytes: int = Field(64, ge=1, le=1024, description="and at most so much of it")
     rescore_patience: float = Field(300.0, gt=0.0, le=3600.0, description="seconds one trial of a model may take")
+
+    def kept(self) -> list[Kept]:
+        """What fusion keeps of people."""
+        rows = [Kept(what="where everybody is now, and who it is", note="in memory, until they have left")]
+        if self.state_folder is not None:
+            rows.append(
+                Kept(
+                    what="the same on disk, for a restart",
+                    settings=("state_folder", "state_every"),
+                    seconds=self.state_every,
+                    note="then the next takes its place",
+                )
+            )
+        if self.rescore_minutes > 0.0:
+            seconds = 60.0 * self.rescore_minutes
+            rows.append(
+                Kept(what="what cameras and phones told, in memory", settings=("rescore_minutes",), seconds=seconds)
+            )
+        return rows

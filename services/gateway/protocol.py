@@ -29,7 +29,14 @@ __all__ = [
     "NewToken",
     "OwnAlert",
     "OwnAlerts",
+    "OwnConsent",
     "OwnDevice",
+    "OwnExport",
+    "OwnKept",
+    "OwnLessons",
+    "OwnRecord",
+    "OwnSteps",
+    "OwnWay",
     "Position",
     "RadioReadings",
     "TokenEntry",
@@ -264,6 +271,96 @@ class OwnAlerts(msgspec.Struct, frozen=True, kw_only=True):
     """Reply 200 to ``GET /v1/devices/{device}/alerts``: the last ones, oldest first."""
 
     alerts: list[OwnAlert]
+
+
+class OwnConsent(msgspec.Struct, frozen=True, kw_only=True):
+    """To which text a visitor agreed, and when."""
+
+    version: str
+    given: float
+
+
+class OwnSteps(msgspec.Struct, frozen=True, kw_only=True):
+    """What trial walks told of how somebody walks; null where they told nothing."""
+
+    peak: float | None
+    mean: float | None
+    """Step thresholds, m/s²."""
+    slope: float | None
+    offset: float | None
+    """Of the line length = slope x cadence + offset; m per step/s, and m."""
+
+
+class OwnLessons(msgspec.Struct, frozen=True, kw_only=True):
+    """What learning found out about this phone and its carrier; null where nothing yet."""
+
+    slope: float | None = None
+    offset: float | None = None
+    """As of ``OwnSteps``."""
+    steps: int = 0
+    """From so many steps."""
+    heading_bias: float | None = None
+    """Radians by which its headings are turned."""
+    radio_offset: float | None = None
+    """dB by which it hears more than other phones."""
+
+
+class OwnKept(msgspec.Struct, frozen=True, kw_only=True):
+    """One kind of thing that this site keeps of people, as it is set now."""
+
+    service: str
+    what: str
+    seconds: float | None
+    """For how long; null: until what ``note`` says."""
+    note: str
+
+
+class OwnRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """Reply 200 to ``GET /v1/devices/{device}``: what is stored of this phone."""
+
+    device: str
+    name: str
+    platform: str
+    carrying: Carrying
+    enrolled: float
+    consents: list[OwnConsent]
+    tokens: int
+    """That open something now."""
+    transmitters: int
+    """Tags that are known as its carrier's, as keyed digests."""
+    waiting: int
+    """Messages of it that wait for the bus."""
+    trial_walks: OwnSteps | None
+    position: Position | None
+    alerts: list[OwnAlert]
+    """The last 50 of an hour."""
+    learned: OwnLessons | None
+    kept: list[OwnKept]
+    """What the services of this site keep of people, and for how long."""
+    silent: list[str]
+    """Services that were asked and did not answer: what they know is missing here."""
+
+
+class OwnWay(msgspec.Struct, frozen=True, kw_only=True):
+    """Where this phone was, as is known now, in parallel columns, and what was told of it; oldest first."""
+
+    since: float
+    until: float
+    t: list[float]
+    x: list[float]
+    y: list[float]
+    accuracy: list[float]
+    """One sigma, m."""
+    floor: list[str]
+    alerts: list[OwnAlert]
+
+
+class OwnExport(msgspec.Struct, frozen=True, kw_only=True):
+    """Reply 200 to ``GET /v1/devices/{device}/export``: all that is stored of this phone, to be taken away."""
+
+    record: OwnRecord
+    ways: list[OwnWay]
+    """One after the other, from its enrolment on."""
 
 
 Place = tuple[float, float]

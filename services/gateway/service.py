@@ -112,6 +112,8 @@ class GatewayService(Service[GatewaySettings]):
             bodies=OpenBodies(settings.open_bodies, settings.body_seconds),
             positions=positions,
             alerts=alerts,
+            bus=self.bus,
+            keys=self.keys,
             started=self.health.ready.set,
         )
         tls = None

@@ -10,8 +10,10 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BeforeValidator, Field, SecretStr, ValidationInfo, field_validator, model_validator
 
 from services.gateway.adapters.mqtt_broker import Broker, check_filter
+from services.gateway.devices.erasures import KEPT as ERASURES_KEPT
 from services.gateway.devices.tokens import keys_of
 from services.gateway.phones.batch_check import Limits
+from shared.kept import Kept
 from shared.proxies import ProxyAddresses
 from shared.settings import ServiceSettings
 
@@ -159,6 +161,26 @@ class GatewaySettings(ServiceSettings):
     def limits(self) -> Limits:
         """How much a batch may hold."""
         return Limits(self.batch_samples, self.batch_scans, self.scan_readings, age=self.batch_age)
+
+    def kept(self) -> list[Kept]:
+        """What the gateway keeps of phones."""
+        return [
+            Kept(
+                what="that a phone was enrolled, and its consent to which text",
+                note="until it is taken back; then only when it was given and taken back",
+            ),
+            Kept(what="that a phone's token is valid", settings=("token_days",), seconds=self.token_days * 86400.0),
+            Kept(what="what trial walks told", note="until the consent is taken back"),
+            Kept(what="where a phone was last", settings=("position_kept",), seconds=self.position_kept),
+            Kept(what="which zones a phone entered and left", settings=("alerts_kept",), seconds=self.alerts_kept),
+            Kept(what="how a phone walks now", settings=("phone_idle",), seconds=self.phone_idle),
+            Kept(
+                what="what phones told while the bus was away",
+                settings=("spool_bytes",),
+                note=f"until it is there again; {self.spool_bytes >> 20} MB at most",
+            ),
+            Kept(what="whom everybody is to forget", seconds=ERASURES_KEPT),
+        ]
 
 
 def _is_loopback(host: str) -> bool:

@@ -20,6 +20,7 @@ from services.history.analytics.trajectory import one_way
 from services.history.analytics.visits import Visits, VisitSum, dwell_of, flows_of, joined, lasting, told
 from services.history.blocks import COLUMNS
 from services.history.day_sums import DaySums
+from services.history.device_alerts import device_alerts
 from services.history.reads import device_points, minutes_of, parts_of
 from services.history.sampling import plausible
 from shared.database import unreachable
@@ -27,11 +28,13 @@ from shared.history_query import (
     FEWEST_PEOPLE,
     LONGEST_PERIOD,
     LONGEST_TRAJECTORY,
+    AskAlerts,
     AskDwell,
     AskFlows,
     AskHeatMap,
     AskOccupancy,
     AskTrajectory,
+    DeviceAlerts,
     Dwell,
     DwellRow,
     Flows,
@@ -113,6 +116,9 @@ class Desk:
             return self._occupancy(question)
         if isinstance(question, AskHeatMap):
             return self._heat_map(question)
+        if isinstance(question, AskAlerts):
+            alerts = device_alerts(self._engine, question.device, question.since, question.until)
+            return DeviceAlerts(alerts=alerts)
         if isinstance(question, AskDwell):
             return self._dwell(question)
         return self._flows(question)

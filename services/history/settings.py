@@ -8,6 +8,7 @@ from pathlib import Path
 from pydantic import Field, SecretStr, model_validator
 
 from services.history.retention import Retention
+from shared.kept import Kept
 from shared.settings import ServiceSettings
 
 __all__ = ["HistorySettings", "default_history_database_url"]
@@ -67,3 +68,36 @@ class HistorySettings(ServiceSettings):
             alerts=self.history_alert_days * day,
             counts=self.history_count_days * day,
         )
+
+    def kept(self) -> list[Kept]:
+        """What history keeps of people."""
+        kept = self.retention()
+        every = f"one position every {self.history_interval:g} s"
+        thinned = f"{every}, after {self.history_detail_days:g} days every {self.history_coarse_interval:g} s"
+        how_dense = ("history_detail_days", "history_interval", "history_coarse_interval")
+        return [
+            Kept(
+                what="where phones were",
+                settings=("history_phone_days", *how_dense),
+                seconds=kept.phones,
+                note=thinned if kept.phones > kept.detail else every,
+            ),
+            Kept(
+                what="where people without names were",
+                settings=("history_people_days", *how_dense),
+                seconds=kept.people,
+                note=thinned if kept.people > kept.detail else every,
+            ),
+            Kept(
+                what="alerts",
+                settings=("history_alert_days",),
+                seconds=kept.alerts,
+                note="which phone they are about no longer than where phones were" if kept.alerts > kept.phones else "",
+            ),
+            Kept(
+                what="how many people were where, by the minute",
+                settings=("history_count_days",),
+                seconds=kept.counts,
+                note="nobody by name",
+            ),
+        ]

@@ -7,6 +7,7 @@ import os
 from pydantic import Field, SecretStr
 
 from services.learning.trials import Pace
+from shared.kept import Kept
 from shared.settings import ServiceSettings
 
 __all__ = ["LearningSettings", "default_learning_database_url"]
@@ -54,3 +55,12 @@ class LearningSettings(ServiceSettings):
             rest=REST,
             urgent_rest=URGENT_REST,
         )
+
+    def kept(self) -> list[Kept]:
+        """What learning keeps of people."""
+        return [
+            Kept(
+                what="how long somebody's steps are, how their phone is turned and how well it hears",
+                note="by phone, until the consent is taken back",
+            )
+        ]

@@ -296,6 +296,26 @@ def test_a_visitor_who_asks_is_told_what_is_known(system: tuple[str, Double], br
     withdrawn = browser.find_element(By.ID, "privacy-erasures").text
     for words in ("Phone fee1", "history", "learning"):
         assert words in withdrawn
+    kept = wait_until(lambda: browser.find_element(By.ID, "privacy-kept").text, 10, "what is kept")
+    for words in ("Where phones were", "2.5 days", "ATRIUM_HISTORY_PHONE_DAYS", "do not answer: learning"):
+        assert words in kept
+
+
+def test_staff_erase_a_phone_by_its_id_typed_twice_and_see_the_stores_follow(
+    system: tuple[str, Double], browser: WebDriver
+) -> None:
+    url, double = system
+    browser.get(f"{url}/privacy")
+    first = wait_until(lambda: _found(browser, "#erase-device"), 20, "the form")
+    second, button = browser.find_element(By.ID, "erase-again"), browser.find_element(By.ID, "erase-button")
+    first.send_keys(str(DEVICES[0]))
+    second.send_keys(str(DEVICES[0])[:-1])
+    assert not button.is_enabled()
+    second.send_keys(str(DEVICES[0])[-1])
+    wait_until(button.is_enabled, 5, "the button")
+    button.click()
+    wait_until(lambda: "It is gone from every store" in _text(browser), 10, "the stores' word")
+    assert double.erased == [DEVICES[0]]
 
 
 @pytest.mark.parametrize("path", ["/", "/alerts", "/visits", "/zones", "/health", "/privacy"])

@@ -11,12 +11,23 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import msgspec
 import pytest
+from api_in_process import running as running_api
 from gateway_process import KEY, STAFF, Listener, Phone, Running, finish, is_ready, launch, problem, running_gateway
+from history_in_process import running as running_history
+from history_world import frame
 from waiting import wait_until
 
+from services.api.pseudonyms import ERASED
+from services.gateway.devices.own_alerts import OwnAlertBook
+from services.gateway.devices.own_past import OwnPast
+from services.gateway.protocol import OwnExport
+from services.history.database import migrate
 from shared.bus import router
-from shared.messages import TrackFrame
+from shared.messages import Alert, TrackFrame
+from shared.site import load_site
+from shared.zones import ZoneSet
 
 
 @pytest.fixture(scope="module")
@@ -195,6 +206,48 @@ def test_a_phone_reads_its_own_position_once_a_track_carries_it(gateway: Running
     assert position["t"] == pytest.approx(now)
 
 
+def test_a_visitor_takes_away_all_that_is_stored_of_them(
+    gateway: Running, listener: Listener, project: Path, tmp_path: Path
+) -> None:
+    phone, other = Phone(gateway), Phone(gateway)
+    own = f"/v1/devices/{phone.device}"
+    record = phone.http.get(own, headers=phone.headers).json()
+    assert (record["platform"], record["carrying"], record["tokens"]) == ("test", "hand", 1)
+    assert [consent["version"] for consent in record["consents"]] == ["1"]
+    kept = {row["what"]: row["seconds"] for row in record["kept"] if row["service"] == "gateway"}
+    assert kept["that a phone's token is valid"] == 7 * 86400.0
+    assert record["silent"] == ["history", "learning"], "what is missing is said"
+    away = phone.http.get(f"{own}/export", headers=phone.headers)
+    assert (away.status_code, problem(away)["problem"]) == (503, "history does not answer")
+    assert phone.http.get(f"{own}/export", headers=other.headers).status_code == 403
+    migrate(f"sqlite:///{tmp_path / 'history.db'}")
+    with running_history(load_site(project / "deploy/sites/hall/site.yaml"), project, gateway.endpoint, tmp_path):
+        tracks = listener.bus.publisher(listener.keys.tracks("hall"), TrackFrame)
+        past, since = OwnPast(listener.bus, listener.keys, OwnAlertBook([], 1.0).told), time.time()
+        about = {"device": other.device, "other_device": phone.device, "zone": "entrance", "kind": "proximity"}
+        where = {"area": "hall", "floor": "ground", "track": 1, "x": 7.0, "y": 3.0}
+        met = Alert(t=since, id="met-1", **about, **where)  # type: ignore[arg-type]
+        told = listener.bus.publisher(listener.keys.alert("entrance"), Alert, cached=True)
+        told.publish(met)
+
+        def points() -> int:
+            now = time.time()
+            tracks.publish(frame(now, [(1, 7.0, 3.0, phone.device), (2, 9.0, 3.0, other.device)]))
+            return sum(len(way.t) * len(way.alerts) for way in past.ways(phone.device, since, now))
+
+        wait_until(points, 15, "history to know way and alert")
+        taken = phone.http.get(f"{own}/export", headers=phone.headers)
+    assert taken.headers["Content-Disposition"] == f'attachment; filename="atrium-{phone.device}.json"'
+    everything = msgspec.json.decode(taken.content, type=OwnExport)
+    (way,) = everything.ways
+    assert way.t
+    assert {(x, y, floor) for x, y, floor in zip(way.x, way.y, way.floor, strict=True)} == {(7.0, 3.0, "ground")}
+    assert [alert.kind for alert in way.alerts] == ["proximity"]
+    assert everything.record.device == phone.device
+    assert other.device not in taken.text
+    wait_until(lambda: phone.http.get(own, headers=phone.headers).status_code == 429, 60, "the ration to be used up")
+
+
 def test_withdrawn_consent_ends_everything_at_once(gateway: Running, listener: Listener) -> None:
     phone = Phone(gateway)
     assert phone.post(phone.batch(0)).status_code == 200
@@ -203,6 +256,44 @@ def test_withdrawn_consent_ends_everything_at_once(gateway: Running, listener: L
     assert phone.post(phone.batch(1)).status_code == 401
     assert phone.http.get(phone.enrolled["position"], headers=phone.headers).status_code == 401
     assert phone.http.delete(f"/v1/devices/{phone.device}", headers=phone.headers).status_code == 401
+
+
+def test_staff_erase_a_phone_everywhere_for_a_visitor(
+    gateway: Running, listener: Listener, project: Path, free_port: int
+) -> None:
+    phone = Phone(gateway)
+    with running_api(
+        load_site(project / "deploy/sites/hall/site.yaml"), project, gateway.endpoint, free_port
+    ) as address:
+        staff = httpx.Client(base_url=address, headers={"Authorization": "Bearer demo-api-key"}, timeout=15.0)
+        told = listener.bus.inbox()
+        told.subscribe(listener.keys.zones(), ZoneSet, cached=True)
+        only = {"id": "only", "kind": "enter", "devices": [phone.device]}
+        zone = {"id": "vault", "floor": "ground", "points": [[1, 6], [4, 6], [4, 9]], "rules": [only]}
+        assert staff.post("/v1/zones", json=zone).status_code == 201
+        assert staff.put("/v1/zones/vault", json=zone | {"name": "After"}).status_code == 200
+        assert staff.get("/v1/tracks", params={"device": phone.device}).status_code == 200
+        assert staff.delete("/v1/devices/d-of-nobody").status_code == 404
+        answer = staff.delete(f"/v1/devices/{phone.device}")
+        assert (answer.status_code, answer.json()["device"]) == (202, phone.device)
+        assert phone.post(phone.batch(0)).status_code == 401, "its token is dead at once"
+
+        def row() -> dict[str, Any] | None:
+            rows = staff.get("/v1/erasures").json()["erasures"]
+            return next((row for row in rows if row["device"] == phone.device and row["done"]), None)
+
+        done = wait_until(row, 10, "the API to say that nothing of the phone is left in it")
+        assert done is not None
+        assert ([store["service"] for store in done["done"]], done["waiting"]) == (["api"], ["history", "learning"])
+        again = staff.delete(f"/v1/devices/{phone.device}")
+        assert (again.status_code, again.json()["t"]) == (202, answer.json()["t"]), "asked twice is done once"
+        kept = staff.get("/v1/audit").text + staff.get("/v1/zones").text
+        assert phone.device not in kept
+        assert [e["status"] for e in staff.get("/v1/audit?action=DELETE").json()["entries"]] == [202, 202]
+        sets = [delivery.message for delivery in told.receive(1.0)]
+        assert isinstance(sets[-1], ZoneSet)
+        assert sets[-1].zones[-1].rules[0].devices[0].startswith(ERASED)
+    wait_until(lambda: phone.device in listener.erased(), 10, "everybody to be told whom to forget")
 
 
 def held_back(gateway: Running, method_and_path: str, body: bytes, *headers: str) -> socket.socket:
@@ -246,6 +337,7 @@ def test_the_page_shows_the_batch_with_worked_examples_that_work(gateway: Runnin
         "/v1/devices/{device}",
         "/v1/devices/{device}/alerts",
         "/v1/devices/{device}/batches",
+        "/v1/devices/{device}/export",
         "/v1/devices/{device}/position",
         "/v1/devices/{device}/tokens",
         "/v1/devices/{device}/tokens/{token}",

@@ -71,11 +71,12 @@ def locate(listener: Listener, device: str) -> None:
 
 
 def fields(value: Any) -> Any:
-    """The form of an answer: its fields, without their values; what counts reasons has none that are fixed."""
+    """The form of an answer: its fields, without their values; of a list each form once; reasons are not fixed."""
     if isinstance(value, dict):
         return {name: fields(part) for name, part in value.items() if name != "ignored"}
     if isinstance(value, list):
-        return [fields(part) for part in value if isinstance(part, dict)]
+        forms = [fields(part) for part in value if isinstance(part, dict)]
+        return [form for number, form in enumerate(forms) if form not in forms[:number]]
     return None
 
 

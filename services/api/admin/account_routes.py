@@ -73,7 +73,7 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
         openapi_extra=described(NewUser, EXAMPLES[NewUser]),
     )
     async def let_in(request: Request) -> Response:
-        """Let somebody in, as viewer, guard, curator or admin."""
+        """Let somebody in, as viewer, guard, desk, curator or admin."""
         wanted = read_object(await read_body(request, LARGEST), NewUser, "name, role, password")
         _may_give(request.state.holder, wanted.role)
         user = await run_in_threadpool(accounts.let_in, wanted.name, wanted.role, wanted.password)

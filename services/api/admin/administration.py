@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -14,7 +15,6 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from services.api.admin.account_routes import account_routes
 from services.api.admin.accounts import Accounts
-from services.api.admin.audit_layer import LOOK_UPS, QUERY
 from services.api.admin.audit_log import AuditLog
 from services.api.admin.audit_route import audit_route
 from services.api.admin.catalogue import Catalogue, Entry
@@ -27,7 +27,8 @@ from services.api.admin.session_routes import session_routes
 from services.api.admin.shapes import EXHIBIT, ZONE
 from services.api.admin.zone_check import MOST_ZONES
 from services.api.live_state import LiveState
-from services.api.problems import unknown
+from services.api.problems import ProblemError, unknown
+from services.api.pseudonyms import Pseudonyms
 from services.api.replies import ZoneReport, Zones
 from services.api.settings import ApiSettings
 from services.api.site_view import site_view, zone_view
@@ -52,6 +53,8 @@ class Administration:
         engine: the database, its tables up to date.
         live: counts who is in the zones.
         published: tells others of the zones once they are not the site file's any more.
+        pseudonyms: of erased devices.
+        erased: called with a device of which nothing is kept here any more.
 
     Raises:
         ServiceError: the database cannot be read.
@@ -64,16 +67,20 @@ class Administration:
         engine: Engine,
         live: LiveState,
         published: Publisher[ZoneSet] | None,
+        pseudonyms: Pseudonyms,
+        erased: Callable[[str], None],
     ) -> None:
         self.settings = settings
         self.site = site
         self.engine = engine
         self.live = live
         self._published = published
-        self.zones = Catalogue(engine, "zone", ZoneDefinition, zones_of(site), MOST_ZONES, self._publish)
+        self._pseudonyms = pseudonyms
+        self._tell_erased = erased
+        self.zones = Catalogue(engine, "zone", ZoneDefinition, zones_of(site), MOST_ZONES, self._publish, self._clean)
         self.exhibits = Catalogue(engine, "exhibit", ExhibitDefinition, [], MOST_EXHIBITS)
         self.accounts = Accounts(engine, settings.session_hours, settings.session_rate)
-        self.audit = AuditLog(engine, settings.audit_days)
+        self.audit = AuditLog(engine, settings.audit_days, pseudonyms)
         self._erased: deque[str] = deque()
         self._view = site_view(site, [])
         self.site_json = b""
@@ -85,7 +92,13 @@ class Administration:
 
     @classmethod
     def open(
-        cls, settings: ApiSettings, site: Site, live: LiveState, published: Publisher[ZoneSet] | None = None
+        cls,
+        settings: ApiSettings,
+        site: Site,
+        live: LiveState,
+        published: Publisher[ZoneSet] | None = None,
+        pseudonyms: Pseudonyms | None = None,
+        erased: Callable[[str], None] = lambda _: None,
     ) -> Administration:
         """Open the database and take in what it holds; in the demo bring its tables up to date before.
 
@@ -95,10 +108,11 @@ class Administration:
         url = settings.api_database_url.get_secret_value()
         if settings.profile == "demo":
             migrate(url)
-        return cls(settings, site, open_admin(url), live, published)
+        return cls(settings, site, open_admin(url), live, published, pseudonyms or Pseudonyms(), erased)
 
     def redraw(self) -> None:
         """Let the map and the counts follow the zones; called in the thread that owns ``live``."""
+        self._drawn = self.zones.version
         entries = list(self.zones.entries.values())
         self.live.draw(ZonesDrawn([entry.definition for entry in entries], [entry.etag for entry in entries]))
         zones = [zone_view(entry.definition) for entry in entries]
@@ -115,20 +129,41 @@ class Administration:
         return [place for floor in self.site.floors for place in viewing_places(exhibits, floor.id, floor.plan())]
 
     def erase(self, device: str) -> None:
-        """Forget, at the next ``keep``, who looked up a device whose owner withdrew consent."""
+        """Forget, at the next ``keep``, a device whose owner withdrew consent: look-ups and rules name it no more."""
         self._erased.append(device)
 
     def keep(self) -> str | None:
         """Write down what waits; called about once a second, not in the event loop. Return why it cannot be."""
+        erased = list(self._erased)
         try:
-            while self._erased:
-                device = self._erased[0]
-                self.audit.erase([path + device for path in LOOK_UPS], f"{QUERY}{device}")
-                self._erased.popleft()
+            if erased:
+                self.zones.clean()
+                self.audit.erase(erased)
             self.audit.keep()
         except SQLAlchemyError as error:
             return unreachable(self.engine, error)
+        except ProblemError as error:
+            return error.problem.detail
+        if self._drawn != self.zones.version:
+            return None  # told with the next turn, when the map no longer shows them
+        for device in erased:
+            self._erased.popleft()
+            self._tell_erased(device)
         return None
+
+    def follow_zones(self) -> None:
+        """Draw the zones anew where they changed by themselves; called in the thread that owns ``live``."""
+        if self._drawn != self.zones.version:
+            self.redraw()
+
+    def _clean(self, zone: ZoneDefinition) -> ZoneDefinition:
+        """Return a zone whose rules name no erased device: they go on to be about one phone, that nobody has."""
+        of = self._pseudonyms.of
+        rules = [
+            msgspec.structs.replace(rule, target=of(rule.target), devices=[of(device) for device in rule.devices])
+            for rule in zone.rules
+        ]
+        return zone if rules == zone.rules else msgspec.structs.replace(zone, rules=rules)
 
     def _publish(self, version: int, zones: list[ZoneDefinition]) -> None:
         if self._published is not None:

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
 from typing import Any
 
-from sqlalchemy import Engine, delete, insert, select, update
+from sqlalchemy import Engine, delete, insert, or_, select, update
 
 from services.api.admin.tables import AuditRow
 from services.api.problems import Problem, ProblemError
+from services.api.pseudonyms import Pseudonyms
 
 __all__ = ["AuditLog", "Deed"]
 
@@ -23,7 +24,9 @@ MINUTE = 60.0
 MOST_OPEN = 10_000
 """Look-ups of one minute that are counted apart."""
 HOUR = 3600.0
-ERASED = "(erased)"
+FEW = 8
+"""Devices the database is asked for by name; of more all rows are read once."""
+_TEXTS = (AuditRow.subject, AuditRow.detail)
 
 
 @dataclass(frozen=True)
@@ -51,11 +54,15 @@ class AuditLog:
     Args:
         engine: the database.
         days: after which a row is forgotten.
+        pseudonyms: of erased devices.
         clock: wall clock.
     """
 
-    def __init__(self, engine: Engine, days: float, clock: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self, engine: Engine, days: float, pseudonyms: Pseudonyms, clock: Callable[[], float] = time.time
+    ) -> None:
         self._engine = engine
+        self._pseudonyms = pseudonyms
         self._kept = 86400.0 * days
         self._clock = clock
         self._lock = threading.Lock()
@@ -70,8 +77,8 @@ class AuditLog:
         Raises:
             SQLAlchemyError: the database is away.
         """
-        with self._engine.begin() as connection:
-            connection.execute(insert(AuditRow).values(_row(deed, self._clock(), 1)))
+        with self._writing, self._engine.begin() as connection:
+            connection.execute(insert(AuditRow).values(_row(self._plain(deed), self._clock(), 1)))
 
     def look_up(self, deed: Deed) -> None:
         """Count one look-up, to be written soon.
@@ -81,7 +88,7 @@ class AuditLog:
         """
         with self._lock:
             now = self._clock()
-            key = (deed, int(now // MINUTE))
+            key = (self._plain(deed), int(now // MINUTE))
             held = self._open.get(key)
             if held is None:
                 if len(self._open) >= MOST_OPEN:
@@ -128,35 +135,34 @@ class AuditLog:
                     if held.times > held.written or key[1] == int(now // MINUTE)
                 }
 
-    def erase(self, subjects: Sequence[str], query: str) -> None:
-        """Forget whom look-ups were about.
-
-        Args:
-            subjects: paths of a device whose owner withdrew consent; what lies below them counts too.
-            query: how a path ends that names the device in its query.
+    def erase(self, devices: Collection[str]) -> None:
+        """Write the pseudonyms of erased devices in the place of their ids: who did what, and when, stays.
 
         Raises:
             SQLAlchemyError: the database is away.
         """
+        with self._lock:
+            self._open = {(self._plain(deed), minute): held for (deed, minute), held in self._open.items()}
         self.keep()
-        with self._writing, self._lock:
-            self._open = {
-                key: held
-                for key, held in self._open.items()
-                if not any(key[0].subject == path or key[0].subject.startswith(path + "/") for path in subjects)
-                and not key[0].subject.endswith(query)
-            }
-            with self._engine.begin() as connection:
-                asked = AuditRow.subject.endswith(query, autoescape=True)
-                connection.execute(update(AuditRow).where(asked).values(subject=ERASED, detail=""))
-                for path in subjects:
-                    below = AuditRow.subject.startswith(path + "/", autoescape=True)
-                    there = path.rpartition("/")[0]
-                    connection.execute(
-                        update(AuditRow)
-                        .where((AuditRow.subject == path) | below)
-                        .values(subject=f"{there}/{ERASED}", detail="")
-                    )
+        named = select(AuditRow.id, AuditRow.subject, AuditRow.detail)
+        if len(devices) <= FEW:
+            named = named.where(
+                or_(*(column.contains(device, autoescape=True) for column in _TEXTS for device in devices))
+            )
+        without = self._pseudonyms.without
+        with self._writing, self._engine.begin() as connection:
+            changed = [
+                (row.id, {"subject": without(row.subject), "detail": without(row.detail)})
+                for row in connection.execute(named.execution_options(yield_per=1000))
+                if without(row.subject) != row.subject or without(row.detail) != row.detail
+            ]
+            for number, texts in changed:
+                connection.execute(update(AuditRow).where(AuditRow.id == number).values(**texts))
+
+    def _plain(self, deed: Deed) -> Deed:
+        """Return it without ids of erased devices."""
+        without = self._pseudonyms.without
+        return replace(deed, subject=without(deed.subject), detail=without(deed.detail))
 
     def read(
         self,

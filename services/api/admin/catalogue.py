@@ -55,6 +55,7 @@ class Catalogue(Generic[D]):
         beginning: what holds until the first change.
         most: as many are kept.
         publish: called with version and definitions after each change, and at the start where there was one.
+        clean: returns a definition as it may be kept, the same where nothing is wrong: without erased devices.
 
     Raises:
         ServiceError: the database cannot be read.
@@ -68,6 +69,7 @@ class Catalogue(Generic[D]):
         beginning: Sequence[D],
         most: int,
         publish: Callable[[int, list[D]], None] = lambda version, definitions: None,
+        clean: Callable[[D], D] = lambda definition: definition,
     ) -> None:
         self._engine = engine
         self._kind = kind
@@ -75,6 +77,7 @@ class Catalogue(Generic[D]):
         self._beginning = list(beginning)
         self._most = most
         self._publish = publish
+        self._clean = clean
         self._lock = threading.Lock()
         self.version = 0
         self.entries: dict[str, Entry[D]] = {}
@@ -118,7 +121,7 @@ class Catalogue(Generic[D]):
                     raise self._refusal(409, "id-taken", "Id taken", f"there is a {self._kind} of that id", "id")
                 taken.add(definition.id)
             place = max((entry.place for entry in self.entries.values()), default=-1) + 1
-            added = [_entry(definition, place + n) for n, definition in enumerate(definitions)]
+            added = [_entry(self._clean(definition), place + n) for n, definition in enumerate(definitions)]
             self._store({**self.entries, **{entry.definition.id: entry for entry in added}}, added, [])
             return added
 
@@ -131,7 +134,7 @@ class Catalogue(Generic[D]):
         with self._lock:
             before = self.find(name)
             check_match(if_match, before.etag)
-            entry = _entry(definition, before.place)
+            entry = _entry(self._clean(definition), before.place)
             self._store(self.entries | {name: entry}, [entry], [name])
             return before, entry
 
@@ -146,6 +149,21 @@ class Catalogue(Generic[D]):
             check_match(if_match, before.etag)
             self._store({key: entry for key, entry in self.entries.items() if key != name}, [], [name])
             return before
+
+    def clean(self) -> None:
+        """Keep all of them as they may be kept now.
+
+        Raises:
+            ProblemError: the database is away.
+        """
+        with self._lock:
+            cleaned = {
+                name: _entry(kept, entry.place)
+                for name, entry in self.entries.items()
+                if (kept := self._clean(entry.definition)) is not entry.definition
+            }
+            if cleaned:
+                self._store(self.entries | cleaned, list(cleaned.values()), list(cleaned))
 
     def _load(self) -> None:
         with self._engine.connect() as connection:

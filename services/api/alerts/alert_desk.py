@@ -50,6 +50,7 @@ class AlertDesk:
         told: called with None when the database takes what it is given, else with why not.
         written: called after alerts were written.
         erased: called with a device that is out of all alerts.
+        without: returns a text without the ids of erased devices.
     """
 
     def __init__(
@@ -59,12 +60,14 @@ class AlertDesk:
         told: Callable[[str | None], None],
         written: Callable[[], None],
         erased: Callable[[str], None],
+        without: Callable[[str], str] = str,
     ) -> None:
         self._engine = engine
         self._inbox = inbox
         self._told = told
         self._written = written
         self._erased = erased
+        self._without = without
         self._known: OrderedDict[str, None] = OrderedDict()
         self._waiting: deque[_Item] = deque()
         """In order."""
@@ -126,7 +129,7 @@ class AlertDesk:
                 self._inbox.add([item for item in batch if not isinstance(item, str)])
                 for device in batch:
                     if isinstance(device, str):
-                        self._inbox.erase(device)
+                        self._inbox.erase(device, self._without)
                         self._erased(device)
             except SQLAlchemyError:
                 with self._lock:

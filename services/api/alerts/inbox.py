@@ -150,15 +150,17 @@ class AlertInbox:
             row.acknowledged, row.acknowledged_by, row.note = now, by[:LONGEST_ID], note
             return _told(row)
 
-    def erase(self, device: str) -> None:
-        """Take a device whose consent was withdrawn out of all alerts."""
-        named = or_(AlertRow.device == device, AlertRow.other_device == device)
+    def erase(self, device: str, without: Callable[[str], str]) -> None:
+        """Take a device whose consent was withdrawn out of all alerts; ``without`` takes it out of staff's notes."""
+        noted = AlertRow.note.contains(device, autoescape=True)
+        named = or_(AlertRow.device == device, AlertRow.other_device == device, noted)
         with Session(self._engine) as session, session.begin():
             for row in session.scalars(select(AlertRow).where(named)):
                 gone = {name: None for name in ("device", "other_device") if getattr(row, name) == device}
                 row.told = msgspec.json.encode(msgspec.structs.replace(_alert.decode(row.told), **gone))
                 for name in gone:
                     setattr(row, name, None)
+                row.note = without(row.note)
 
     def forget(self, now: float) -> None:
         """Delete what is too old or too much."""

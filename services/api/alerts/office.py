@@ -34,6 +34,7 @@ class AlertOffice:
         site: whose alerts.
         told: called with None when the database takes what it is given, else with why not.
         erased: called with a device that is out of all alerts.
+        without: returns a text without the ids of erased devices.
         resolve: a host's name and port → its addresses.
 
     Raises:
@@ -46,6 +47,7 @@ class AlertOffice:
         site: Site,
         told: Callable[[str | None], None],
         erased: Callable[[str], None],
+        without: Callable[[str], str] = str,
         resolve: Resolve = resolve,
     ) -> None:
         url = settings.api_database_url.get_secret_value()
@@ -69,7 +71,7 @@ class AlertOffice:
             settings.webhook_longest_pause,
         )
         self._sender = WebhookSender(self._webhooks, site.site, patience, self._allowed, resolve)
-        self.desk = AlertDesk(self._engine, self._inbox, told, self._sender.wake, erased)
+        self.desk = AlertDesk(self._engine, self._inbox, told, self._sender.wake, erased, without)
         self.desk.remember()
 
     @property

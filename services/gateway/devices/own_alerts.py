@@ -37,7 +37,15 @@ class OwnAlertBook:
         """Remember one alert, once, if it is a device's; ``arrived`` is monotonic."""
         if alert.device is None:
             return
-        own = OwnAlert(
+        own = self.told(alert)
+        with self._lock:
+            alerts = self._alerts.setdefault(alert.device, deque(maxlen=MOST_ALERTS))
+            if all(known != alert.id for known, _, _ in alerts):
+                alerts.append((alert.id, arrived, own))
+
+    def told(self, alert: Alert) -> OwnAlert:
+        """Return an alert as the phone it is about is told of it."""
+        return OwnAlert(
             t=alert.t,
             kind=alert.kind,
             zone=alert.zone,
@@ -46,10 +54,6 @@ class OwnAlertBook:
             x=alert.x,
             y=alert.y,
         )
-        with self._lock:
-            alerts = self._alerts.setdefault(alert.device, deque(maxlen=MOST_ALERTS))
-            if all(known != alert.id for known, _, _ in alerts):
-                alerts.append((alert.id, arrived, own))
 
     def draw(self, zones: Sequence[ZoneDefinition]) -> None:
         """Call zones by these names from now on, also in what was told before."""

@@ -9,7 +9,7 @@ import secrets
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from sqlalchemy import Engine, Exists, delete, exists, select, update
+from sqlalchemy import Engine, Exists, delete, exists, func, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
@@ -25,7 +25,7 @@ from services.gateway.devices.tables import (
 from services.gateway.devices.tokens import WITHDRAWABLE
 from services.gateway.devices.transmitters import digest_of
 
-__all__ = ["DeviceStore", "Newcomer", "Registered", "StoredToken", "TransmitterTakenError", "Walker"]
+__all__ = ["DeviceStore", "Newcomer", "Record", "Registered", "StoredToken", "TransmitterTakenError", "Walker"]
 
 
 class TransmitterTakenError(ValueError):
@@ -81,6 +81,24 @@ class StoredToken:
     scopes: tuple[str, ...]
     created: float
     expires: float
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """What is stored of one enrolled device."""
+
+    name: str
+    platform: str
+    carrying: str
+    created: float
+    consents: tuple[tuple[str, float], ...]
+    """Version and time of each that is given."""
+    tokens: int
+    """That open something now."""
+    transmitters: int
+    waiting: int
+    """Messages that wait for the bus."""
+    walker: Walker | None
 
 
 class DeviceStore:
@@ -182,6 +200,45 @@ class DeviceStore:
         query = select(DeviceRow.id).where(DeviceRow.id == device, DeviceRow.revoked.is_(None))
         with Session(self._engine) as session:
             return session.execute(query).one_or_none() is not None
+
+    def withdrawn(self, device: str) -> float | None:
+        """Return when a device's consent was withdrawn, None where it was not.
+
+        Raises:
+            KeyError: no such device was ever enrolled.
+        """
+        with Session(self._engine) as session:
+            row = session.get(DeviceRow, device)
+            if row is None:
+                raise KeyError(device)
+            return row.revoked
+
+    def record(self, device: str, now: float) -> Record:
+        """Return all that is stored of a device.
+
+        Raises:
+            KeyError: no such device is enrolled.
+        """
+        given = select(ConsentRow).where(ConsentRow.device == device, ConsentRow.withdrawn.is_(None))
+        with Session(self._engine) as session:
+            row = session.get(DeviceRow, device)
+            if row is None or row.revoked is not None:
+                raise KeyError(device)
+
+            def count(table: type[TransmitterRow] | type[SpoolRow]) -> int:
+                return session.scalar(select(func.count()).select_from(table).where(table.device == device)) or 0
+
+            return Record(
+                name=row.name,
+                platform=row.platform,
+                carrying=row.carrying,
+                created=row.created,
+                consents=tuple((consent.version, consent.given) for consent in session.scalars(given)),
+                tokens=len(self.tokens(device, now)),
+                transmitters=count(TransmitterRow),
+                waiting=count(SpoolRow),
+                walker=_walker(session.get(WalkerRow, device)),
+            )
 
     def carry(self, device: str, carrying: str) -> None:
         """Store how a phone is carried now."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
@@ -17,12 +18,15 @@ from services.gateway.web.gateway import Gateway
 from services.gateway.web.intake import Intake
 from services.gateway.web.openapi import complete
 from services.gateway.web.own_data import own_data_routes
+from services.gateway.web.own_record import own_record_routes
 from services.gateway.web.replies import report_errors
 from services.gateway.web.schemas import BODIES, schema_routes
 from services.gateway.web.stream import Streams
 from services.gateway.web.tokens import token_routes
 from services.gateway.web.trial_walks import trial_walk_routes
 from services.gateway.web.who_asks import WhoAsks
+from services.gateway.web.withdrawal import Withdrawal
+from shared.bus import Question
 
 __all__ = ["create_app"]
 
@@ -34,9 +38,16 @@ def create_app(gateway: Gateway) -> FastAPI:
     who_asks = WhoAsks(gateway, signer)
     intake = Intake(gateway)
     streams = Streams(who_asks, intake, settings.batch_bytes)
+    withdrawal = Withdrawal(gateway, who_asks, streams)
 
     @asynccontextmanager
     async def life(_app: FastAPI) -> AsyncIterator[None]:
+        loop = asyncio.get_running_loop()
+
+        def take(order: Question) -> None:
+            loop.call_soon_threadsafe(withdrawal.take, order)
+
+        gateway.bus.answer_questions(gateway.keys.withdrawal(), take)
         gateway.started()
         yield
         gateway.close()
@@ -54,7 +65,8 @@ def create_app(gateway: Gateway) -> FastAPI:
     app.router.routes.append(WebSocketRoute("/v1/devices/{device}/stream", streams.serve))
     for router in (
         enrolment_routes(gateway, signer),
-        own_data_routes(gateway, who_asks, intake, streams),
+        own_data_routes(gateway, who_asks, intake, withdrawal),
+        own_record_routes(gateway, who_asks),
         token_routes(gateway, who_asks, intake, signer, streams),
         trial_walk_routes(gateway, who_asks, intake),
         adapter_routes(gateway, who_asks, intake),

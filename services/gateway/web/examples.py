@@ -13,6 +13,34 @@ from services.gateway.adapters.sensor_logger import SensorLoggerPush
 
 __all__ = ["EXAMPLES"]
 
+_RECORD: dict[str, Any] = {
+    "device": "d-3f0c5b1e9a7d4c26",
+    "name": "",
+    "platform": "android",
+    "carrying": "hand",
+    "enrolled": 1767225600.12,
+    "consents": [{"version": "1", "given": 1767225600.12}],
+    "tokens": 1,
+    "transmitters": 0,
+    "waiting": 0,
+    "trial_walks": None,
+    "position": None,
+    "alerts": [],
+    "learned": None,
+    "kept": [{"service": "history", "what": "where phones were", "seconds": 2592000.0, "note": ""}],
+    "silent": [],
+}
+_WAY: dict[str, Any] = {
+    "since": 1767225600.12,
+    "until": 1767229200.0,
+    "t": [1767225602.4, 1767225603.4],
+    "floor": ["ground", "ground"],
+    "x": [7.31, 8.2],
+    "y": [4.02, 4.1],
+    "accuracy": [0.2, 0.2],
+    "alerts": [],
+}
+
 EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     protocol.Enrolment: {
         "a phone in the hand": {
@@ -48,6 +76,8 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     protocol.Consent: {"the text": {"version": "1", "text": "May this site follow where your phone is? …"}},
     protocol.Change: {"into the pocket": {"carrying": "pocket"}},
     protocol.OwnDevice: {"changed": {"device": "d-3f0c5b1e9a7d4c26", "carrying": "pocket"}},
+    protocol.OwnRecord: {"a phone that has not been located": _RECORD},
+    protocol.OwnExport: {"two seconds of a way": {"record": _RECORD, "ways": [_WAY]}},
     protocol.TokenRequest: {
         "for an app that posts": {"scopes": ["post"]},
         "to read for an hour": {"scopes": ["read"], "seconds": 3600},

@@ -18,6 +18,8 @@ from services.gateway.phones.phone_book import PhoneBook
 from services.gateway.phones.receivers import ReceiverBook
 from services.gateway.settings import GatewaySettings
 from services.gateway.web.bodies import OpenBodies
+from shared.bus import Bus
+from shared.keys import Keys
 
 __all__ = ["Gateway"]
 
@@ -39,6 +41,9 @@ class Gateway:
     alerts: OwnAlertBook
     bodies: OpenBodies
     """All bodies of phones come through it."""
+    bus: Bus
+    """Staff's orders come by it, and the past is asked for."""
+    keys: Keys
     started: Callable[[], None]
     """Called once requests are served."""
     numbering: Numbering = field(default_factory=Numbering)

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import time
 
-import structlog
 from fastapi import APIRouter, Request, Response
-from prometheus_client import Counter
-from sqlalchemy.exc import SQLAlchemyError
 
 from services.gateway.devices.tokens import POST, READ
 from services.gateway.errors import read_json, refuse
@@ -17,18 +14,15 @@ from services.gateway.web.gateway import Gateway
 from services.gateway.web.intake import Intake
 from services.gateway.web.openapi import answers, takes
 from services.gateway.web.replies import respond
-from services.gateway.web.stream import Streams
 from services.gateway.web.who_asks import WhoAsks, bearer
+from services.gateway.web.withdrawal import Withdrawal
 
 __all__ = ["own_data_routes"]
 
-WITHDRAWN = Counter("atrium_gateway_withdrawn_total", "Consents withdrawn")
 CHANGE_BYTES = 4096
 
-log = structlog.get_logger(__name__)
 
-
-def own_data_routes(gateway: Gateway, who_asks: WhoAsks, intake: Intake, streams: Streams) -> APIRouter:
+def own_data_routes(gateway: Gateway, who_asks: WhoAsks, intake: Intake, withdrawal: Withdrawal) -> APIRouter:
     """Return the routes of one device about itself."""
     router = APIRouter()
 
@@ -71,20 +65,7 @@ def own_data_routes(gateway: Gateway, who_asks: WhoAsks, intake: Intake, streams
         A token may do so for 30 days after its end too.
         """
         await who_asks.withdrawing(bearer(header(request.scope, b"authorization")), device)
-        await gateway.work(gateway.store.withdraw, device, time.time())
-        who_asks.forget(device)
-        gateway.numbering.forget(device)
-        gateway.positions.forget(device)
-        gateway.alerts.forget(device)
-        await streams.close(device, "the consent was withdrawn")
-        await gateway.work(gateway.receivers.forget, device)
-        try:
-            await gateway.work(gateway.phones.forget, device)
-        except SQLAlchemyError:  # the consent is withdrawn all the same: what waits is erased with the telling
-            log.warning("what waits of a withdrawn device is erased later", device=device)
-        await gateway.work(gateway.erasures.tell)
-        WITHDRAWN.inc()
-        log.info("consent withdrawn", device=device)
+        await withdrawal.carry_out(device)
         return Response(status_code=204)
 
     return router

@@ -25,6 +25,8 @@ BODIES: tuple[type[msgspec.Struct], ...] = (
     protocol.Enrolled,
     protocol.Change,
     protocol.OwnDevice,
+    protocol.OwnRecord,
+    protocol.OwnExport,
     protocol.TokenRequest,
     protocol.NewToken,
     protocol.Tokens,

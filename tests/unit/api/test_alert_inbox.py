@@ -15,6 +15,7 @@ from services.api.alerts.database import SCHEMA, migrate, open_alerts
 from services.api.alerts.inbox import AcknowledgedError, AlertInbox, Told, Wanted
 from services.api.alerts.webhook_replies import WebhookDefinition
 from services.api.alerts.webhook_store import TooManyError, WebhookStore
+from services.api.pseudonyms import Pseudonyms
 from shared.messages import Alert
 from shared.runner import ServiceError
 
@@ -124,16 +125,22 @@ def test_a_withdrawn_device_is_out_of_what_was_told_before_and_stays_out_of_webh
     store.create(WebhookDefinition(url="https://host/"), "office", 0.0)
     inbox = AlertInbox(engine, 100, 100.0, store.enqueue)
     erased: list[str] = []
-    desk = AlertDesk(engine, inbox, lambda _: None, lambda: None, erased.append)
+    pseudonyms = Pseudonyms()
+    pseudonyms.add("q")
+    desk = AlertDesk(engine, inbox, lambda _: None, lambda: None, erased.append, pseudonyms.without)
     met = msgspec.structs.replace(alert(1), device="p", other_device="q")
     assert desk.is_new(met)
     assert not desk.is_new(met), "known already"
     assert not desk.is_new(msgspec.structs.replace(alert(2), zone="no zone\0"))
     desk.write_down(told(met))
+    desk.write()
+    inbox.acknowledge("a-1", "office", "asked q to wait.", 50.0)
     desk.erase("q")
     desk.write()
     one = inbox.one("a-1")
     assert (one.device, one.other_device, erased) == ("p", None, ["q"])
+    assert one.acknowledged is not None
+    assert one.acknowledged.note == f"asked {pseudonyms.of('q')} to wait."
     assert inbox.newest(Wanted(device="q"), 9) == []
     (due,) = store.due(1e12, {}, 4, set())
     assert due.alert.other_device is None

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from api_app import DEMO, Api, api
 from sqlalchemy import text
@@ -12,9 +13,11 @@ from waiting import wait_until
 
 from services.api.admin import accounts
 from services.api.admin.accounts import MOST_SESSIONS
-from services.api.admin.audit_log import AuditLog, Deed
+from services.api.admin.audit_log import FEW, AuditLog, Deed
 from services.api.admin.passwords import hash_password, is_password
+from services.api.pseudonyms import Pseudonyms
 from services.api.settings import READ_SCOPES
+from shared.withdrawal import WithdrawalAnswer, WithdrawalOrder
 
 PASSWORD = "correct horse battery"
 ZONE = {"id": "vault", "floor": "ground", "points": [[1.0, 6.0], [4.0, 6.0], [4.0, 9.0]]}
@@ -115,7 +118,7 @@ def test_nobody_gives_away_more_than_they_have(here: Api) -> None:
 
 @pytest.mark.parametrize(
     ("role", "may_draw", "may_let_in"),
-    [("viewer", 403, 403), ("guard", 403, 403), ("curator", 201, 403), ("admin", 201, 200)],
+    [("viewer", 403, 403), ("desk", 403, 403), ("curator", 201, 403), ("admin", 201, 200)],
 )
 def test_staff_may_do_what_their_role_says(here: Api, role: str, may_draw: int, may_let_in: int) -> None:
     token = sign_in(here, role)
@@ -244,7 +247,7 @@ def test_the_audit_log_is_read_in_pages_by_those_who_may(here: Api) -> None:
 
 def test_look_ups_within_a_minute_are_one_row_and_old_rows_are_forgotten(here: Api) -> None:
     now = [1000.0]
-    log = AuditLog(here.admin.engine, days=1.0, clock=lambda: now[0])
+    log = AuditLog(here.admin.engine, days=1.0, pseudonyms=Pseudonyms(), clock=lambda: now[0])
     deed = Deed("guide", "GET", "/v1/positions/phone-1", 200)
     for at in (1000.0, 1030.0, 1059.0, 1061.0, 1062.0):
         now[0] = at
@@ -257,22 +260,80 @@ def test_look_ups_within_a_minute_are_one_row_and_old_rows_are_forgotten(here: A
     assert [row["t"] for row in log.read(None, None, None, None, None, 10)] == [1030.0]
 
 
-def test_whom_a_withdrawn_phone_was_looked_up_by_stays_but_not_which_phone(here: Api) -> None:
+def test_an_erased_phone_is_another_name_in_log_and_rules_and_stays_one(here: Api) -> None:
     here.people(("phone-1", 2.0, 7.0), ("phone-12", 3.0, 7.0))
-    for path in ("/phone-1", "/phone-12", "/phone-1/exhibits", "?device=phone-1", "?device=phone-12"):
-        assert here.client.get(f"/v1/positions{path}").status_code == 200
+    rules = [
+        {"id": "near", "kind": "proximity", "limit": 2.0, "target": "phone-1"},
+        {"id": "only", "kind": "enter", "devices": ["phone-1", "phone-12"]},
+    ]
+    zone = ZONE | {"rules": rules}
+    path = here.client.post("/v1/zones", json=zone).headers["Location"]
+    assert here.client.put(path, json=zone | {"name": "After"}).status_code == 200
+    for look_up in ("/phone-1", "/phone-12", "/phone-1/exhibits", "?device=phone-1", "?device=phone-12"):
+        assert here.client.get(f"/v1/positions{look_up}").status_code == 200
     assert here.admin.keep() is None
     here.client.get("/v1/positions/phone-1")
+    here.pseudonyms.add("phone-1")
     here.admin.erase("phone-1")
     assert here.admin.keep() is None
-    subjects = sorted(entry["subject"] for entry in here.client.get("/v1/audit").json()["entries"])
-    assert subjects == [
-        "(erased)",
-        "/v1/positions/(erased)",
-        "/v1/positions/(erased)",
-        "/v1/positions/phone-12",
-        "/v1/positions?device=phone-12",
-    ]
+    assert here.erased == [], "the map still shows the rules as they were"
+    here.admin.follow_zones()
+    assert here.admin.keep() is None
+    assert here.erased == ["phone-1"]
+    here.client.put(path, json=zone | {"name": "Of a page that was open before"})
+    here.client.get("/v1/positions?device=phone-1")
+    name = here.pseudonyms.of("phone-1")
+    entries = here.client.get("/v1/audit").json()["entries"]
+    assert sorted((entry["action"], entry["subject"], entry["times"]) for entry in entries) == sorted(
+        [
+            ("GET", "/v1/positions/phone-12", 1),
+            ("GET", f"/v1/positions/{name}", 2),
+            ("GET", f"/v1/positions/{name}/exhibits", 1),
+            ("GET", "/v1/positions?device=phone-12", 1),
+            ("GET", f"/v1/positions?device={name}", 2),
+            ("POST", path, 1),
+            ("PUT", path, 1),
+            ("PUT", path, 1),
+        ]
+    )
+    before = [entry["detail"] for entry in entries if entry["action"] == "PUT"]
+    assert all(name in text and '"phone-12"' in text and '"phone-1"' not in text for text in before)
+    kept = here.client.get(path).json()["rules"]
+    assert (kept[0]["target"], kept[1]["devices"]) == (name, [name, "phone-12"]), "a rule of one is none of everybody"
+    assert msgspec.json.encode(here.published.sets[-1].zones).count(b'"phone-1"') == 0
+
+
+def test_many_are_erased_at_once_as_one_is(here: Api) -> None:
+    gone = [f"d-{number}" for number in range(FEW + 1)]
+    for device in gone:
+        here.admin.audit.record(Deed("maria", "DELETE", f"/v1/devices/{device}", 202))
+        here.pseudonyms.add(device)
+        here.admin.erase(device)
+    assert here.admin.keep() is None
+    subjects = {entry["subject"] for entry in here.client.get("/v1/audit").json()["entries"]}
+    assert subjects == {f"/v1/devices/{here.pseudonyms.of(device)}" for device in gone}
+
+
+def test_staff_erase_a_phone_with_the_scope_and_hear_when_that_was_not_possible(here: Api) -> None:
+    away = here.client.delete("/v1/devices/d-1")
+    assert (away.status_code, away.headers["Retry-After"]) == (503, "5")
+    asked: list[WithdrawalOrder] = []
+    outcomes = iter(("unknown", "away", "withdrawn", "withdrawn"))
+
+    def ask(_key: str, _patience: float, payload: bytes | None) -> bytes:
+        asked.append(msgspec.json.decode(payload or b"", type=WithdrawalOrder))
+        return msgspec.json.encode(WithdrawalAnswer(outcome=next(outcomes), t=9.0))  # type: ignore[arg-type]
+
+    here.ask = ask
+    clerk = sign_in(here, "desk")
+    assert [here.client.delete("/v1/devices/d-1", headers=clerk).status_code for _ in range(4)] == [404, 503, 202, 202]
+    assert asked[0] == WithdrawalOrder(device="d-1", by="maria")
+    curator = here.client.delete("/v1/devices/d-1", headers=sign_in(here, "curator", "otto"))
+    assert (curator.status_code, curator.json()["allowed"]) == (403, "a key with the scope erase")
+    deeds = here.client.get("/v1/audit?action=DELETE").json()["entries"]
+    assert [(deed["who"].split()[0], deed["subject"], deed["status"]) for deed in deeds] == [
+        ("maria", "/v1/devices/d-1", 202)
+    ] * 2
 
 
 def test_nobody_is_looked_up_unseen_when_the_log_cannot_be_written(here: Api, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ from sqlalchemy import Engine, func, select
 
 from services.history.blocks import COLUMNS, BlockError, check, decode, encode, merge
 from services.history.database import VERSION_TABLE
+from services.history.device_alerts import device_alerts
 from services.history.entries import AlertTold, Counted, Entry, Forgotten, Points
 from services.history.persons import Persons
 from services.history.reads import device_points, minutes_of, parts_of
@@ -164,9 +165,12 @@ def test_nothing_is_left_of_who_withdraws_and_nothing_comes_back(engine: Engine,
     device = "d-that-was-here-once"
     entries = [*minutes(2, device), alert(1, device=device), alert(2, device="d-2", other_device=device)]
     bring_in(engine, entries, "first")
+    about = device_alerts(engine, device, NOON, NOON + 1.0)
+    assert [(told.id, told.device, told.other_device) for told in about] == [("a-1", None, None), ("a-2", None, None)]
     assert Store(engine).apply("second", [Forgotten(device=device, t=NOON)], ["second"]).forgotten == [device]
     bring_in(engine, entries, "late")
     assert len(device_points(engine, device, NOON, NOON + 2 * MINUTE).t) == 0
+    assert device_alerts(engine, device, NOON, NOON + 1.0) == []
     with engine.connect() as connection:
         rows = connection.execute(select(AlertRow.device, AlertRow.other_device, AlertRow.told)).all()
     assert sorted((row[0] or "", row[1] or "") for row in rows) == [("", ""), ("d-2", "")]
