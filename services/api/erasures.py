@@ -16,7 +16,7 @@ from shared.messages import Erasure, ErasureDone
 
 __all__ = ["ErasureBoard", "erasure_reads"]
 
-STORES = ("history", "learning")
+STORES = ("geofence", "history", "learning")
 """Services that keep something of devices beyond the moment; the gateway forgets before it tells."""
 KEPT = 2000
 
