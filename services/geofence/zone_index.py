@@ -201,10 +201,9 @@ class ZoneIndex:
 
         None where any of them does not.
         """
-        lines = shapely.linestrings(ways)
-        if not bool(np.all(shapely.intersects(self._shapes[border], lines))):
+        if not bool(np.all(shapely.intersects(self._shapes[border], _lines(ways)))):
             return None
-        line = lines[0]
+        line = shapely.LineString(ways[0])
         inside = shapely.intersection(self._shapes[border], line)
         length = float(line.length)
         shares = shapely.line_locate_point(line, shapely.points(shapely.get_coordinates(inside)))
