@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Sequence
 
 import msgspec
 
 from shared.messages import Alert, Revision, TrackFrame
+from shared.zones import ZoneDefinition, ZoneRule
 
 __all__ = ["Erased"]
 
@@ -77,3 +79,18 @@ class Erased:
         """Return the alert without erased devices; the same alert where it names none."""
         gone = {name: None for name in ("device", "other_device") if getattr(alert, name) in self._devices}
         return msgspec.structs.replace(alert, **gone) if gone else alert
+
+    def from_zones(self, zones: Sequence[ZoneDefinition]) -> list[ZoneDefinition]:
+        """Return the zones without erased devices; a rule about nobody else goes with them."""
+        return [
+            msgspec.structs.replace(zone, rules=[kept for rule in zone.rules if (kept := self._from_rule(rule))])
+            if any(name in self._devices for rule in zone.rules for name in (rule.target, *rule.devices))
+            else zone
+            for zone in zones
+        ]
+
+    def _from_rule(self, rule: ZoneRule) -> ZoneRule | None:
+        devices = [name for name in rule.devices if name not in self._devices]
+        # Without its devices a rule would be about everybody.
+        about_nobody = rule.target in self._devices or (rule.devices and not devices)
+        return None if about_nobody else msgspec.structs.replace(rule, devices=devices)

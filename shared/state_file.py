@@ -55,6 +55,10 @@ class StateFile:
         """Note that what was read is in use."""
         self._saved = moment
 
+    def holds(self, moment: int) -> bool:
+        """Whether what is saved is of this moment or later; always where nothing is kept."""
+        return self._file is None or self._saved >= moment
+
     def save_soon(self) -> None:
         """Do not wait for the time: what was saved holds what must be gone."""
         self._soon = True

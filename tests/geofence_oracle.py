@@ -42,19 +42,45 @@ class SlowArea:
     def __init__(self, course: Sequence[Point], margin: float, least: float, confidence: float) -> None:
         polygon = shapely.Polygon(course)
         self.course, self.least, self.demand = course, least, float(ndtri(confidence))
+        self.ring = polygon.exterior
         self.margin = min(margin, 0.5 * polygon.area / polygon.length)
-        self.inside, self.evidence, self.before = False, 0.0, None
+        self.inside, self.evidence = False, 0.0
+        self.before: tuple[float, Point] | None = None
+        self.since: float | None = None
+        """When it was last surely outside; None: it is."""
+        self.touched, self.away = False, 0.0
 
     def step(self, t: float, at: Point, sigma: float) -> str | None:
         depth = depth_of(self.course, False, at)
-        seconds = 0.0 if self.before is None else t - self.before
-        self.before = t
+        before, place = self.before or (t, at)
+        self.before = t, at
+        seconds, sure = t - before, self.margin + 2.0 * sigma
+        if self.since is None and -depth < max(sure, math.dist(place, at)):
+            self.since = before
+        if self.since is None:
+            return None
         if self.inside:
             z, least = (-depth - self.margin) / sigma, 1.5 * self.least
         else:
-            z, least = (depth - 0.1 * self.margin) / sigma - self.demand, self.least
+            z = (depth - 0.1 * self.margin) / sigma - self.demand
+            least = self.least * (1.0 + 0.5 * math.log1p((t - self.since) / 2.0))
         self.evidence = gather(self.evidence, z, seconds, least)
-        if self.evidence < 1.0:
+        turns = self.evidence >= 1.0
+        self._look_outside(t, depth, sigma, seconds, shapely.LineString([place, at]), turns)
+        if not turns:
             return None
         self.evidence, self.inside = 0.0, not self.inside
         return "enter" if self.inside else "exit"
+
+    def _look_outside(
+        self, t: float, depth: float, sigma: float, seconds: float, way: shapely.LineString, turns: bool
+    ) -> None:
+        self.touched |= depth >= 0.0 or bool(way.intersects(self.ring))
+        out = (-depth - self.margin) / sigma - 1.0
+        self.away = gather(self.away, out, seconds, 1.5 * self.least) if self.touched else 0.0
+        if self.inside and turns:
+            self.since, self.touched, self.away = t, False, 0.0
+            return
+        surely_out = not self.inside and not turns and depth < -self.margin - 2.0 * sigma
+        if surely_out and (not self.touched or self.away >= 1.0):
+            self.since, self.evidence, self.touched, self.away = None, 0.0, False, 0.0

@@ -18,7 +18,7 @@ from shared.messages import Erasure, ErasureDone
 
 __all__ = ["ErasureBoard", "OwnErasures", "erasure_routes"]
 
-STORES = ("api", "history", "learning")
+STORES = ("api", "geofence", "history", "learning")
 """Services that keep something of devices beyond the moment; the gateway forgets before it tells."""
 KEPT = 2000
 

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.geofence.evidence import gathered
+from services.geofence.evidence import gathered, lingering
 from services.geofence.pairs import Frame, Pairs
+from services.geofence.ways import lately_near
 
 __all__ = ["AreaStep", "advance_areas"]
 
@@ -55,8 +56,8 @@ def advance_areas(state: NDArray[Any], new: Bools, pairs: Pairs, frame: Frame, m
     x, y, known = frame.x[row], frame.y[row], frame.known[row]
     # Somebody seen first beside an area starts there; one seen first inside of it has not come through anything.
     state["side"][new] = -1
-    state["anchor_t"][new] = np.where(known, frame.before_t[row], np.where(pairs.depth < 0.0, t, np.nan))[new]
-    state["anchor_x"][new] = np.where(known, frame.before_x[row], x)[new]
+    state["anchor_t"][new] = np.where(known, frame.before_t[row], t)[new]
+    state["anchor_x"][new] = np.where(known, frame.before_x[row], np.where(pairs.depth < 0.0, x, np.nan))[new]
     state["anchor_y"][new] = np.where(known, frame.before_y[row], y)[new]
 
     inside = state["side"] > 0
@@ -66,7 +67,7 @@ def advance_areas(state: NDArray[Any], new: Bools, pairs: Pairs, frame: Frame, m
     before = state["evidence"]
     seconds = np.where(known, t - frame.before_t[row], 0.0)
     # Exactly known places have no spread: a hair keeps the division.
-    patience = np.where(inside, EXIT_PATIENCE * min_seconds, min_seconds)
+    patience = min_seconds * np.where(inside, EXIT_PATIENCE, lingering(t - state["anchor_t"]))
     evidence = gathered(before, beyond / np.maximum(pairs.sigma, 1e-9) - demand, seconds, patience)
     begins = (evidence > 0.0) & (before == 0.0)
     for name, value in (("t", np.full(len(row), t)), ("x", x), ("y", y)):
@@ -77,14 +78,20 @@ def advance_areas(state: NDArray[Any], new: Bools, pairs: Pairs, frame: Frame, m
     # Whoever stands in a narrow area is measured on this side and on that: by one standard deviation, that is no news.
     out = (-pairs.depth - pairs.margin) / np.maximum(pairs.sigma, 1e-9) - 1.0
     away = np.where(touched, gathered(state["away"], out, seconds, EXIT_PATIENCE * min_seconds), 0.0)
+    narrow = np.flatnonzero(outside & pairs.narrow)
+    if len(narrow):
+        place = np.column_stack([x[narrow], y[narrow]])
+        lately_near(state, narrow, pairs.depth[narrow], pairs.sigma[narrow], place, seconds[narrow])
     # One position that jumps away ends nothing that was begun.
     ends = outside & ~turns & surely_out & (~touched | (away >= 1.0))
-    passes = np.flatnonzero(ends & touched & np.isfinite(state["anchor_t"]))
+    passes = np.flatnonzero(ends & touched & np.isfinite(state["anchor_x"]))
     enters, exits = np.flatnonzero(turns & outside), np.flatnonzero(turns & inside)
     state["evidence"] = np.where(turns, 0.0, evidence)
     state["side"][turns] = -state["side"][turns]
     state["touched"], state["away"] = touched, away
     # Whoever left was last outside here.
     state["touched"][exits], state["away"][exits] = False, 0.0
+    for name in ("near", "near_x", "near_y"):
+        state[name][exits] = 0.0
     state["anchor_t"][exits], state["anchor_x"][exits], state["anchor_y"][exits] = t, x[exits], y[exits]
     return AreaStep(enters, exits, passes, (state["side"] > 0) | ~ends & (state["touched"] | ~surely_out))

@@ -85,6 +85,6 @@ class Borders:
         margin = self.margins[borders_of]
         pairs = Pairs(
             rows, borders_of, depths, sigmas, margin, margin + SURE * sigmas, self.demands[borders_of],
-            net, crossed, share,
+            index.half_width[borders_of] <= frame.spread[rows], net, crossed, share,
         )  # fmt: skip
         return codes, pairs

@@ -10,6 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from services.geofence.area_crossings import advance_areas
@@ -18,6 +19,7 @@ from services.geofence.carried_over import carried_over
 from services.geofence.line_crossings import advance_lines
 from services.geofence.pairs import PAIR, Crossing, Frame, Pairs, ranges_of
 from services.geofence.slots import Slots
+from services.geofence.ways import ways_of
 
 __all__ = ["Crossing", "Crossings"]
 
@@ -28,8 +30,8 @@ Bools = NDArray[np.bool_]
 _PASS_SURE, _PASS_NARROW = 2.5, 0.7
 """Standard deviations by which the way through an area may be aside and still lead through; of areas narrower than
 these are long the lesser: who walks through a wide one deep inside is told by evidence."""
-
-
+_BESIDE = 1.0
+"""Standard deviations beside a line, were it without ends, from which on somebody is taken to come from that side."""
 _LIKELY = 0.5
 """Of the evidence needed, with which somebody is taken to have crossed who is seen no more."""
 
@@ -261,14 +263,24 @@ class Crossings:
         before = np.full(len(some), np.nan)
         fresh = np.flatnonzero(new[some] & frame.known[of.row])
         rows = of.row[fresh]
-        before[fresh] = self._borders.index.depth(of.border[fresh], frame.before_x[rows], frame.before_y[rows])
+        # Whoever comes from beyond an end of the line was on neither side of it.
+        left = self._borders.index.beside(of.border[fresh], frame.before_x[rows], frame.before_y[rows])
+        before[fresh] = np.where(np.abs(left) >= _BESIDE * frame.spread[rows], left, np.nan)
         forward, backward, doubtful, stay = advance_lines(mine, new[some], of, frame, self._borders.min_seconds, before)
         # On another floor a line is nowhere.
         stays[some] = stay & np.isfinite(of.depth)
+        through = [place for place in doubtful.tolist() if self._went_through(mine[place], of, place, frame)]
+        told = [
+            one for one in (*forward.tolist(), *backward.tolist()) if not self._went_round(mine[one], of, one, frame)
+        ]
+        # Whoever crossed was last surely on this side here.
+        crossed = np.concatenate([forward, backward, doubtful])
+        rows = of.row[crossed]
+        for name, value in (("anchor_t", frame.t), ("anchor_x", frame.x[rows]), ("anchor_y", frame.y[rows])):
+            mine[name][crossed] = value
         state[some] = mine
         happened = []
-        through = [place for place in doubtful.tolist() if self._went_through(mine[place], of, place, frame)]
-        for place in [*forward.tolist(), *backward.tolist(), *through]:
+        for place in [*told, *through]:
             row = int(of.row[place])
             t, x, y = (float(mine[name][place]) for name in ("t", "x", "y"))
             # Those who crossed are on the other side by now: on the right after a crossing forward.
@@ -277,22 +289,29 @@ class Crossings:
             happened.append(Crossing("cross", int(of.border[place]), *person, t, x, y, direction))
         return happened
 
-    def _went_through(self, pair: Any, pairs: Pairs, place: int, frame: Frame) -> bool:
-        """Whether the straight way to here cuts the line, also where it is shifted to either side; says where."""
+    def _went_round(self, pair: Any, pairs: Pairs, place: int, frame: Frame) -> bool:
+        """Whether the steps cut the line by their errors only: the way past the positions near it does not."""
         row, border = int(pairs.row[place]), int(pairs.border[place])
-        start = np.array([pair["anchor_x"], pair["anchor_y"]])
-        end = np.array([frame.x[row], frame.y[row]])
-        along = end - start
-        length = float(np.hypot(*along))
-        if length <= 0.0:
+        ways = ways_of(pair, np.array([frame.x[row], frame.y[row]]), float(frame.spread[row]), 0.0)
+        if ways.shape[1] < 3:
             return False
-        aside = np.array([-along[1], along[0]]) / length * float(frame.spread[row])
-        ways = np.array([[start + shift, end + shift] for shift in (0.0 * aside, aside, -aside)])
-        net, _, share = self._borders.index.crossed(np.full(3, border), ways)
-        if not (net == -int(pair["side"])).all():
+        net, _, _ = self._borders.index.crossed(np.full(2, border), np.stack([ways[0, :-1], ways[0, 1:]], axis=1))
+        return int(net.sum()) != -int(pair["side"])
+
+    def _went_through(self, pair: Any, pairs: Pairs, place: int, frame: Frame) -> bool:
+        """Whether the way to here cuts the line, also where it is shifted to either side; says where."""
+        row, border = int(pairs.row[place]), int(pairs.border[place])
+        ways = ways_of(pair, np.array([frame.x[row], frame.y[row]]), float(frame.spread[row]), 1.0)
+        legs = np.stack([ways[:, :-1], ways[:, 1:]], axis=2).reshape(-1, 2, 2)
+        net, cut, share = self._borders.index.crossed(np.full(len(legs), border), legs)
+        count = ways.shape[1] - 1
+        if not (net.reshape(-1, count).sum(axis=1) == -int(pair["side"])).all():
             return False
-        pair["t"] = pair["anchor_t"] + float(share[0]) * (frame.t - pair["anchor_t"])
-        pair["x"], pair["y"] = (start + float(share[0]) * along).tolist()
+        leg = int(np.flatnonzero(cut[:count])[-1])
+        length = np.hypot(*(legs[:count, 1] - legs[:count, 0]).T)
+        gone = (float(length[:leg].sum()) + float(share[leg]) * float(length[leg])) / float(length.sum())
+        pair["t"] = pair["anchor_t"] + gone * (frame.t - pair["anchor_t"])
+        pair["x"], pair["y"] = (legs[leg, 0] + float(share[leg]) * (legs[leg, 1] - legs[leg, 0])).tolist()
         return True
 
     def _passed(
@@ -300,17 +319,19 @@ class Crossings:
     ) -> list[Crossing]:
         """Return enter and exit if the way from where the track was last surely outside to here leads through."""
         t, x, y = here
-        t0, x0, y0 = float(pair["anchor_t"]), float(pair["anchor_x"]), float(pair["anchor_y"])
-        index = self._borders.index
-        aside = (_PASS_SURE if index.half_width[border] > spread else _PASS_NARROW) * spread
-        shares = index.chord(border, np.array([[x0, y0], [x, y]]), aside)
+        t0 = float(pair["anchor_t"])
+        narrow = self._borders.index.half_width[border] <= spread
+        ways = ways_of(pair, np.array([x, y]), spread, _PASS_NARROW if narrow else _PASS_SURE)
+        shares = self._borders.index.chord(border, ways)
         if shares is None:
             return []
         track, who = person
-        return [
-            Crossing(kind, border, track, who, t0 + share * (t - t0), x0 + share * (x - x0), y0 + share * (y - y0))  # type: ignore[arg-type]
-            for kind, share in zip(("enter", "exit"), shares, strict=True)
-        ]
+        course = shapely.LineString(ways[0])
+        told = []
+        for kind, share in zip(("enter", "exit"), shares, strict=True):
+            at = course.interpolate(share, normalized=True)
+            told.append(Crossing(kind, border, track, who, t0 + share * (t - t0), float(at.x), float(at.y)))  # type: ignore[arg-type]
+        return told
 
     def _remember(self, slot: Ints, state: NDArray[Any]) -> None:
         """Keep the pairs that matter next time, and those of tracks not in this frame."""
@@ -382,7 +403,7 @@ class Crossings:
                 self.occupancy[border] -= 1
                 return [Crossing("exit", border, track, who, t, x, y)]
             # Through an area and lost just behind it.
-            behind = pair["touched"] and np.isfinite(pair["anchor_t"]) and self._depth(border, x, y) < 0.0
+            behind = pair["touched"] and np.isfinite(pair["anchor_x"]) and self._depth(border, x, y) < 0.0
             outside = behind and (
                 pair["away"] >= _LIKELY or -self._depth(border, x, y) <= self._borders.margins[border]
             )

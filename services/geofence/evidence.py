@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SURE", "gathered"]
+__all__ = ["SURE", "gathered", "lingering"]
 
 Floats = NDArray[np.float64]
 
@@ -22,6 +22,8 @@ _AT_ONCE = 5.0
 """Standard deviations beyond the border at which nothing more is waited for."""
 _ONE_SAMPLE = 0.5
 """Of what is needed: no less than two samples decide, however rare they are."""
+_LINGERS, _LINGERING = 0.5, 2.0
+"""By how much, and in units of how many seconds, more is needed of whoever lingers."""
 
 
 def gathered(evidence: Floats, z: Floats, seconds: Floats, min_seconds: float | Floats) -> Floats:
@@ -38,3 +40,14 @@ def gathered(evidence: Floats, z: Floats, seconds: Floats, min_seconds: float | 
     log_odds = np.clip(bounded * (1.5976 + 0.07056 * bounded * bounded), -_NO_DOUBT, _NO_DOUBT) / _NO_DOUBT
     share = np.minimum(log_odds * seconds / np.maximum(min_seconds, 1e-9), _ONE_SAMPLE)
     return np.where(z >= _AT_ONCE, 1.0, np.maximum(evidence + share, 0.0))
+
+
+def lingering(seconds: Floats) -> Floats:
+    """Return by how much more (m,) is needed of those who have been beside a border for so long without a decision.
+
+    They are asked anew with every sample, and noise says yes some day. Where what is needed grows with the logarithm
+    of the time, the chance of that shrinks by a power of it: its sum over all time is small (alpha spending, Lan and
+    DeMets 1983).
+    """
+    more: Floats = 1.0 + _LINGERS * np.log1p(np.maximum(seconds, 0.0) / _LINGERING)
+    return more

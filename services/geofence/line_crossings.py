@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.geofence.evidence import gathered
+from services.geofence.evidence import gathered, lingering
 from services.geofence.pairs import Frame, Pairs
+from services.geofence.ways import lately_near
 
 __all__ = ["advance_lines"]
 
@@ -38,7 +39,7 @@ def advance_lines(
         pairs: (m,).
         frame: in which they are.
         min_seconds: see ``evidence.gathered``.
-        depth_before: (m,) of each track in the frame before, where new; NaN where nobody knows.
+        depth_before: (m,) metres left of the line in the frame before, where new; NaN where nobody knows surely.
 
     Returns:
         forward: places among the pairs that crossed from left to right.
@@ -62,20 +63,22 @@ def advance_lines(
     state["x"][cut] = (before_x + share * (frame.x[row] - before_x))[cut]
     state["y"][cut] = (before_y + share * (frame.y[row] - before_y))[cut]
 
-    min_seconds = PATIENCE * min_seconds
+    patience = PATIENCE * min_seconds * lingering(frame.t - state["anchor_t"])
     side = state["side"].astype(float)
     seconds = np.where(frame.known[row], frame.t - before_t, 0.0)
     margin = MARGIN * pairs.margin
     beyond = np.where(side == 0.0, pairs.depth, -side * pairs.depth) - margin
     sigma = np.maximum(pairs.sigma, 1e-9)
-    state["evidence"] = gathered(state["evidence"], beyond / sigma - pairs.demand, seconds, min_seconds)
+    place = np.column_stack([frame.x[row], frame.y[row]])
+    lately_near(state, np.arange(len(row)), pairs.depth, sigma, place, seconds)
+    state["evidence"] = gathered(state["evidence"], beyond / sigma - pairs.demand, seconds, patience)
     turns = state["evidence"] >= 1.0
     told = turns & (state["net"] * side > 0.0)
     forward, backward = np.flatnonzero(told & (side > 0.0)), np.flatnonzero(told & (side < 0.0))
     nowhere = side == 0.0
     doubtful = np.flatnonzero(turns & ~told & ~nowhere)
     right = (-pairs.depth - margin) / sigma - pairs.demand
-    state["away"] = np.where(nowhere, gathered(state["away"], right, seconds, min_seconds), 0.0)
+    state["away"] = np.where(nowhere, gathered(state["away"], right, seconds, patience), 0.0)
     state["side"] = np.where(turns, np.where(nowhere, 1, -side), np.where(state["away"] >= 1.0, -1, side))
     settled = turns | (nowhere & (state["side"] != 0))
     state["net"][settled] = 0

@@ -28,6 +28,9 @@ PAIR = np.dtype(
         ("anchor_t", float),
         ("anchor_x", float),
         ("anchor_y", float),
+        ("near", float),
+        ("near_x", float),
+        ("near_y", float),
     ]
 )
 """The state of one pair; ``code``: slot times borders plus border, by which they are sorted.
@@ -35,8 +38,10 @@ PAIR = np.dtype(
 ``side``: 1 inside of an area or left of a line, -1 outside or right, 0 at first on neither side of a line.
 ``evidence`` of being on the other side by now, and ``t``, ``x``, ``y``: since when and from where (of a line: where it
 was crossed last). ``touched``, of areas: since ``anchor``, when the track was last surely outside, it or a step of its
-lay inside. ``away``: evidence of being outside since then, or at first of being right of a line. ``net``, of lines: how
-often it was crossed from left to right, less how often back.
+lay inside; of whoever was first seen inside the anchor has a time and no place. ``near``: the weight of the positions
+lately near the border, one each at most, and the sums of these by their weights (``ways``). ``away``: evidence of being
+outside since then, or at first of being right of a line. ``net``, of lines: how often it was crossed from left to
+right, less how often back.
 """
 
 
@@ -106,6 +111,8 @@ class Pairs:
     """Metres from the border at which somebody is surely on one side."""
     demand: Floats
     """Standard deviations by which the confidence asked for is more than a half."""
+    narrow: Bools
+    """Whether it is of an area no wider than its tracks' places are known."""
     net: Ints
     crossed: Bools
     """Whether the step that led here cuts the border."""

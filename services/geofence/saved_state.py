@@ -10,7 +10,7 @@ from shared.zones import ZoneDefinition
 
 __all__ = ["FORMAT", "SavedState", "SavedStateError", "read_state", "write_state"]
 
-FORMAT = "atrium-geofence-state/1"
+FORMAT = "atrium-geofence-state/2"
 
 
 class SavedStateError(ValueError):

@@ -16,7 +16,8 @@ from services.geofence.people import Sighting
 from services.geofence.saved_state import FORMAT, SavedState, SavedStateError, read_state, write_state
 from services.geofence.settings import GeofenceSettings
 from services.geofence.watch import Told, Watch
-from services.geofence.zone_plan import ZonePlan, of_site
+from services.geofence.zone_plan import MOST_ZONES, ZonePlan, of_site
+from shared.acknowledgements import Acknowledgements
 from shared.bus import Bus, Publisher
 from shared.erased import Erased
 from shared.messages import Alert, Erasure, Occupancy, Revision, TrackFrame
@@ -63,6 +64,9 @@ class GeofenceService(Service[GeofenceSettings]):
         self._number = 0
         self._frames = 0
         self._erased = Erased()
+        self._acknowledged = Acknowledgements(bus, self.keys, self.name)
+        self._erasing: dict[str, int] = {}
+        """Devices whose erasure is not acknowledged yet, and which saved state will be the first without them."""
         self._inbox = bus.inbox(capacity=10_000)
         folder = settings.state_folder
         self._state_file = StateFile(
@@ -99,7 +103,9 @@ class GeofenceService(Service[GeofenceSettings]):
             self._watch_silence()
             self._count()
             self._state_file.save_if_due(self._frames)
+            self._acknowledge()
         self._state_file.save_last(self._frames)
+        self._acknowledge()
 
     def stop(self) -> None:
         """Stop, and do not wait for a frame that may not come."""
@@ -133,20 +139,50 @@ class GeofenceService(Service[GeofenceSettings]):
             self._publish(self._watch.revise(revision), origin)
 
     def _erase(self, device: str) -> None:
-        """Name a device whose consent was withdrawn in no alert from now on, and in no saved state."""
+        """Name a device whose consent was withdrawn in no alert from now on, and in no rule and no saved state."""
         self._erased.add(device)
         self._watch.erase(device)
+        zones = self._erased.from_zones(self._zones)
+        if zones != self._zones:
+            self._watch_zones(zones, self._version)
         self._frames += 1
         self._state_file.save_soon()
+        if device not in self._acknowledged:
+            self._erasing[device] = self._frames
+
+    def _acknowledge(self) -> None:
+        """Tell of whom nothing is stored any more."""
+        for device in [device for device, first in self._erasing.items() if self._state_file.holds(first)]:
+            self._acknowledged.tell(device)
+            del self._erasing[device]
 
     def _follow(self, told: ZoneSet) -> None:
         """Watch the zones of a newer set."""
         if told.version <= self._told_version:
             return
         self._told_version = told.version
-        if told.version == self._version and told.zones == self._zones:
+        if len(told.zones) > MOST_ZONES:
+            reason = (
+                f"{len(told.zones)} zones were told (version {told.version}), at most {MOST_ZONES} are watched: "
+                f"those of version {self._version} stay in force until there are fewer"
+            )
+            self.health.degraded("zones", reason)
             return
-        plan = self._plan(told.zones, max(told.version, 1))
+        self.health.well("zones")
+        zones = self._erased.from_zones(told.zones)
+        if told.version == self._version and zones == self._zones:
+            return
+        self._watch_zones(zones, max(told.version, 1))
+        self._version = told.version
+        self._frames += 1
+        self._state_file.save_soon()
+        plan = self._watch.plan
+        log.info("zones changed", version=told.version, zones=len(plan.zones), left_out=len(plan.problems))
+        self._show_zones()
+
+    def _watch_zones(self, zones: list[ZoneDefinition], version: int) -> None:
+        """Watch these zones from now on."""
+        plan = self._plan(zones, version)
         for topic in self.health.problems():
             if topic.startswith("zone ") and topic.removeprefix("zone ") not in plan.problems:
                 self.health.well(topic)
@@ -156,11 +192,7 @@ class GeofenceService(Service[GeofenceSettings]):
             OCCUPANCY.remove(zone)
             if zone in self._alerts:
                 self._alerts.pop(zone).close()
-        self._zones, self._version = list(told.zones), told.version
-        self._frames += 1
-        self._state_file.save_soon()
-        log.info("zones changed", version=told.version, zones=len(plan.zones), left_out=len(plan.problems))
-        self._show_zones()
+        self._zones = zones
 
     def _watch_silence(self) -> None:
         now = time.monotonic()

@@ -146,6 +146,14 @@ class ZoneIndex:
         of = np.repeat(np.arange(len(border)), np.diff(first))
         return self._measure(edge, first[:-1], of, x, y)[0]
 
+    def beside(self, border: Ints, x: Floats, y: Floats) -> Floats:
+        """Return how far (m,) left of the border beside it each point lies, were its nearest edge without ends."""
+        edge, first = self._edges_of(border)
+        nearest = self._measure(edge, first[:-1], np.repeat(np.arange(len(border)), np.diff(first)), x, y)[1]
+        dx, dy = x - self._ax[nearest], y - self._ay[nearest]
+        left: Floats = (self._ux[nearest] * dy - self._uy[nearest] * dx) * self._inverse[nearest]
+        return left
+
     def clear_of_borders(self, x: Floats, y: Floats, floor: Ints, radius: Floats) -> Bools:
         """Whether each of (n,) discs of so many metres crosses no border of its floor."""
         clear = np.ones(len(x), np.bool_)
@@ -188,23 +196,16 @@ class ZoneIndex:
         last = np.maximum.reduceat(share, first[:-1]) if len(border) else np.empty(0)
         return net.astype(np.int64), np.isfinite(last), np.where(np.isfinite(last), last, 1.0)
 
-    def chord(self, border: int, segment: Floats, sideways: float = 0.0) -> tuple[float, float] | None:
-        """Return where the (2, 2) segment enters and leaves an area, as shares of its length.
+    def chord(self, border: int, ways: Floats) -> tuple[float, float] | None:
+        """Return where the first of (w, k, 2) ways enters and leaves an area, as shares of its length.
 
-        None where it does not, or would not if it lay ``sideways`` metres to one side or the other.
+        None where any of them does not.
         """
-        ends = np.asarray(segment, float)
-        along = ends[1] - ends[0]
-        length = float(np.hypot(*along))
-        aside = np.array([-along[1], along[0]]) * (sideways / length if length > 0.0 else 0.0)
-        if sideways > 0.0:
-            others = shapely.linestrings(np.stack([ends + aside, ends - aside]))
-            if not bool(np.all(shapely.intersects(self._shapes[border], others))):
-                return None
-        line = shapely.LineString(ends)
-        inside = shapely.intersection(self._shapes[border], line)
-        if inside.is_empty:
+        if not bool(np.all(shapely.intersects(self._shapes[border], _lines(ways)))):
             return None
+        line = shapely.LineString(ways[0])
+        inside = shapely.intersection(self._shapes[border], line)
+        length = float(line.length)
         shares = shapely.line_locate_point(line, shapely.points(shapely.get_coordinates(inside)))
         return (float(shares.min()) / length, float(shares.max()) / length) if length > 0.0 else (0.0, 1.0)
 

@@ -19,7 +19,7 @@ from services.geofence.zone_index import Box, ZoneIndex
 from shared.site import Site, Zone
 from shared.zones import ZoneDefinition, ZoneRule
 
-__all__ = ["Rule", "ZonePlan", "of_site"]
+__all__ = ["MOST_ZONES", "Rule", "ZonePlan", "of_site"]
 
 EVEN = 0.5
 """The confidence of counting: more probably inside than not."""
@@ -106,7 +106,7 @@ class ZonePlan:
         borders: dict[tuple[str, str, float], ZoneDefinition] = {}
         rules: list[tuple[tuple[str, str, float], ZoneRule]] = []
         for zone in zones:
-            wrong = _wrong_shape(zone, floors) or _one_too_many(zone, watched)
+            wrong = _one_too_many(zone, watched) or _wrong_shape(zone, floors)
             if wrong:
                 problems[zone.id] = f"not watched: {wrong}"
                 continue

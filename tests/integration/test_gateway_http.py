@@ -284,7 +284,10 @@ def test_staff_erase_a_phone_everywhere_for_a_visitor(
 
         done = wait_until(row, 10, "the API to say that nothing of the phone is left in it")
         assert done is not None
-        assert ([store["service"] for store in done["done"]], done["waiting"]) == (["api"], ["history", "learning"])
+        assert ([store["service"] for store in done["done"]], done["waiting"]) == (
+            ["api"],
+            ["geofence", "history", "learning"],
+        )
         again = staff.delete(f"/v1/devices/{phone.device}")
         assert (again.status_code, again.json()["t"]) == (202, answer.json()["t"]), "asked twice is done once"
         kept = staff.get("/v1/audit").text + staff.get("/v1/zones").text

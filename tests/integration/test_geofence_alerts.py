@@ -6,14 +6,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import msgspec
 import pytest
 from waiting import wait_until
 
 from services.geofence.service import GeofenceService
 from services.geofence.settings import GeofenceSettings
+from services.geofence.zone_plan import MOST_ZONES
 from shared.bus import Bus, Inbox, router
 from shared.keys import Keys
-from shared.messages import Alert, Erasure, Message, Occupancy, TrackFrame
+from shared.messages import Alert, Erasure, ErasureDone, Message, Occupancy, TrackFrame
 from shared.runner import Health
 from shared.site import Site, load_site
 from shared.zones import ZoneDefinition, ZoneRule, ZoneSet
@@ -225,10 +227,21 @@ def test_zones_that_staff_draw_are_watched_instead_of_the_site_files(
         publisher.publish(zones(6))
         publisher.publish(zones(8, west("exit"), broken))
         wait_until(lambda: "zone broken" in service.health.problems(), DEADLINE, "the complaint")
-        walk_until(bus, t, 10.0, 3.0, inbox, known, 3)
+        t = walk_until(bus, t, 10.0, 3.0, inbox, known, 3)
         assert [(a.zone, a.kind, a.rule) for a in known[2:]] == [("west", "exit", "r-exit")]
         publisher.publish(zones(9, west("exit")))
         wait_until(lambda: "zone broken" not in service.health.problems(), DEADLINE, "the complaint to go")
+        # More than can be watched change nothing.
+        publisher.publish(zones(10, *[west("enter")] * (MOST_ZONES + 1)))
+        wait_until(lambda: "zones" in service.health.problems(), DEADLINE, "the refusal")
+        assert "those of version 9 stay in force" in service.health.problems()["zones"]
+        tracks = bus.publisher(KEYS.tracks("hall"), TrackFrame)
+        for number in range(10):
+            tracks.publish(frame(t + 0.2 * number, 3.0, 3.0))
+        walk_until(bus, t + 2.0, 10.0, 3.0, inbox, known, 4)
+        assert [(a.zone, a.kind, a.rule) for a in known[3:]] == [("west", "exit", "r-exit")]
+        publisher.publish(zones(11, west("exit")))
+        wait_until(lambda: "zones" not in service.health.problems(), DEADLINE, "the refusal to go")
 
 
 def test_people_in_zones_are_told_every_few_seconds(site: Site, project: Path, zenoh_router: str) -> None:
@@ -271,20 +284,34 @@ def test_a_restart_tells_nobody_inside_anew_and_keeps_the_zones(
         ]
 
 
-def test_an_erased_device_leaves_the_saved_state(site: Site, project: Path, zenoh_router: str, tmp_path: Path) -> None:
+def test_an_erased_device_leaves_the_rules_and_the_saved_state_and_that_is_told(
+    site: Site, project: Path, zenoh_router: str, tmp_path: Path
+) -> None:
     file = tmp_path / "geofence.state"
+    hers = ZoneRule(id="hers", kind="enter", devices=["phone-1"])
+    theirs = ZoneRule(id="theirs", kind="exit", devices=["phone-1", "phone-2"])
+    named = west("enter")
+    named = msgspec.structs.replace(named, rules=[*named.rules, hers, theirs])
     with (
-        running(site, project, zenoh_router, state_folder=tmp_path, state_every=0.1),
+        running(site, project, zenoh_router, state_folder=tmp_path, state_every=0.1) as service,
         Bus([zenoh_router]) as bus,
     ):
         inbox, known = bus.inbox(), []
         inbox.subscribe(KEYS.alert(), Alert, cached=True)
-        t = walk_until(bus, 100.0, 10.0, 1.2, inbox, known, 1)
-        tracks = bus.publisher(KEYS.tracks("hall"), TrackFrame)
-        tracks.publish(frame(t + 0.2, 10.0, 1.2))
+        told = bus.inbox()
+        told.subscribe(KEYS.erased("phone-1", "geofence"), ErasureDone, cached=True)
+        zones_told = bus.publisher(KEYS.zones(), ZoneSet)
+        zones_told.publish(zones(3, named))
+        wait_until(lambda: "west" in service._watch.plan.zones, DEADLINE, "the new zones")
+        t = walk_until(bus, 100.0, 3.0, 3.0, inbox, known, 2)
         wait_until(lambda: file.is_file() and b"phone-1" in file.read_bytes(), DEADLINE, "the saved state")
         bus.publisher(KEYS.erasure("phone-1"), Erasure).publish(Erasure(t=t, device="phone-1"))
-        wait_until(lambda: b"phone-1" not in file.read_bytes(), DEADLINE, "the device to leave the file")
+        wait_until(lambda: bool(told.receive(timeout=0.05)), DEADLINE, "geofence to say that it has erased her")
+        assert b"phone-1" not in file.read_bytes()
+        assert [rule.id for rule in service._watch.plan.zones["west"].rules] == ["r-enter", "theirs"]
+        zones_told.publish(zones(4, named))
+        wait_until(lambda: service._version == 4, DEADLINE, "zones that name her still")
+        assert [rule.devices for rule in service._watch.plan.zones["west"].rules] == [[], ["phone-2"]]
     assert b"phone-1" not in file.read_bytes()
 
 

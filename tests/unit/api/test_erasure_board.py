@@ -15,8 +15,8 @@ def test_a_store_that_acknowledged_is_not_waited_for(turned: bool) -> None:
     board.take(ErasureDone(t=99.0, device="d-1", service="history"))
     board.take(Erasure(t=20.0, device="d-2"))
     newest, first = board.report(30.0).erasures
-    assert (newest.device, newest.waiting) == ("d-2", ["api", "history", "learning"])
-    assert (first.device, first.t, first.waiting) == ("d-1", 10.0, ["api", "learning"])
+    assert (newest.device, newest.waiting) == ("d-2", ["api", "geofence", "history", "learning"])
+    assert (first.device, first.t, first.waiting) == ("d-1", 10.0, ["api", "geofence", "learning"])
     assert [(store.service, store.t) for store in first.done] == [("history", 12.0)]
 
 
