@@ -56,6 +56,7 @@ def create_app(
     alerts: AlertOffice,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
     ask: Callable[[str, float, bytes | None], bytes | None] = lambda *_: None,
+    set_up: Callable[[], None] = lambda: None,
 ) -> FastAPI:
     """Return the application.
 
@@ -72,6 +73,7 @@ def create_app(
         alerts: the inbox and the webhooks.
         lifespan: runs around the life of the server.
         ask: sends a query over the bus: key, seconds to wait, payload; None where nobody answers.
+        set_up: called after the set-up was saved.
     """
     sources: dict[str, Callable[[float], bytes]] = {
         "/v1/positions": live.positions_json,
@@ -104,7 +106,7 @@ def create_app(
     app.include_router(admin_routes(admin))
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
-    app.include_router(calibration_routes(site, settings.site_file, ask, learning))
+    app.include_router(calibration_routes(site, settings.site_file, ask, live, set_up))
     app.include_router(history_reads(site, history, admin.viewing_places))
     app.include_router(erasure_reads(erasures))
     log = streams(site, live, hub, alerts.past, settings.stream_patience)

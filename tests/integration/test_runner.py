@@ -190,3 +190,17 @@ def test_a_malformed_router_endpoint_is_named_and_exit_status_one(start: Start) 
     _, log = process.communicate(timeout=20)
     assert process.returncode == 1
     assert "cannot open a session to nonsense" in log
+
+
+def test_a_service_begins_anew_in_its_process_with_another_site(start: Start, zenoh_router: str) -> None:
+    process, port = start(zenoh_router, "--behaviour", "anew")
+    ready = json.loads(wait_for(port, "/readyz", 200))
+    assert ready["problems"] == {"second": "site set up anew"}, "what the first life complained of is forgotten"
+    with Bus([zenoh_router]) as bus:
+        keys = Keys("hall")
+        wait_until(lambda: bus.present(keys.alive("tiny")) == [keys.alive("tiny", "0")], 10, "one token")
+        ((_, told),) = bus.ask(keys.health("tiny"))
+        assert json.loads(told) == ready["problems"]
+    status, seconds, _ = stop(process)
+    assert status == 0
+    assert seconds < 5.0

@@ -247,7 +247,7 @@ async function choose(camera) {
     page["setup-lens"].closest("label").hidden = !told.lens;
     plan.show(bounds(state.floor.outline));
     const by = told.saved === null ? "as the site file says" : `saved ${new Date(1000 * told.saved).toLocaleString()} by ${told.by}`;
-    say(`${camera}: ${by}${told.pending ? "; in use once its processes are started again" : ""}. Take a picture to begin.`);
+    say(`${camera}: ${by}${told.pending ? "; the camera does not use it yet" : ""}. Take a picture to begin.`);
     changed();
   } catch (reason) {
     say(reason.message, true);
