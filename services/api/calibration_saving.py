@@ -91,7 +91,7 @@ def calibration_view(site: Site, desk: SetupDesk, live: LiveState, camera: Camer
         lens=_known_lens(desk, camera) is not None,
         saved=kept.saved if kept.geometry is not None else None,
         by=kept.by,
-        pending=live.calibration(camera.id) not in (None, "", geometry_digest(geometry)),
+        pending=kept.geometry is not None and live.calibration(camera.id) not in ("", geometry_digest(geometry)),
     )
 
 

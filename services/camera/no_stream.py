@@ -45,7 +45,7 @@ def why_no_stream(url: str) -> str:
         return (
             "the camera wants a user and a password, and the address has none: rtsp://USER:PASSWORD@…"
             if parts.username is None
-            else "the camera refuses this user and password: try them in a browser, and the variable they come from"
+            else "the camera refuses this user and password: try them in a browser; is their variable set?"
         )
     if status.code == 403:
         return "the camera knows this user and forbids the stream: give it the right to see live video"

@@ -94,7 +94,12 @@ class CameraService(Service[CameraSettings]):
             lambda: self._watch.verdict or self._pipeline.doubt,
             settings.redetect_patience,
         )
-        self._stills = StillDesk(self._camera.id, settings.allow_stills, settings.still_minutes)
+        self._stills = StillDesk(
+            self._camera.id,
+            settings.allow_stills,
+            settings.still_minutes,
+            trouble=lambda: health.problems().get("source", ""),
+        )
         self._alignment = np.eye(3)
         self._aligned, self._adopted = LearnedVersion("alignment"), LearnedVersion("detector settings")
         self._alignments = bus.inbox(100)

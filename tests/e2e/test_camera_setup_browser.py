@@ -166,6 +166,7 @@ def test_clicks_on_a_real_frame_calibrate_the_camera_within_ten_centimetres(
     wait_until(lambda: "4 corners" in browser.find_element(By.ID, "setup-interest").text, 10, "the fourth corner")
     browser.find_element(By.ID, "setup-save").click()
     _says(browser, "Saved: camera view1, fusion of crossing and learning take it up within seconds")
+    _says(browser, "The camera uses it now")
 
     # What every process reads at its next start.
     saved = load_site(system.site_file).camera("view1")
