@@ -258,7 +258,7 @@ CALIBRATION_EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     },
     CalibrationSaved: {
         "words": "Saved: camera lobby, fusion of ground-floor and learning take it up within seconds, and nothing need "
-        "be started again. What was learned to correct the calibration before is taken back.",
+        "be started again. A correction learned for the calibration before is taken back.",
         "version": 3,
     },
     Placements: {

@@ -57,7 +57,7 @@ def save_calibration(
     except (GeometryError, ValueError) as error:
         raise unfit(str(error)) from error
     version = desk.save_camera(camera.id, geometry, interest, by)
-    words = [_taken_up(live, camera), "What was learned to correct the calibration before is taken back."]
+    words = [_taken_up(live, camera), "A correction learned for the calibration before is taken back."]
     return CalibrationSaved(words=" ".join(words), version=version)
 
 
