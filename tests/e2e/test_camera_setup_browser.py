@@ -258,7 +258,7 @@ def test_an_access_point_is_dragged_where_it_hangs(system: System, browser: WebD
     actions.click_and_hold().move_by_offset(round(end[0] - start[0]), round(end[1] - start[1])).release().perform()
     _type(browser, "ap-5, z", 3.4)
     browser.find_element(By.ID, "points-save").click()
-    _says(browser, "Saved.", "points-say")
+    _says(browser, "Saved, and in use", "points-say")
     (point,) = [point for point in load_site(system.site_file).access_points if point.id == "ap-5"]
     assert point.position is not None
     assert point.position == pytest.approx((-2, 4, 3.4), abs=0.1)

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from hypothesis.errors import Unsatisfiable
 from schemathesis.generation import GenerationMode
 from service_process import process
+from waiting import wait_until
 
 from services.camera.still_desk import StillDesk
 from shared.bus import Bus, Inbox, router
@@ -25,7 +26,7 @@ from shared.keys import Keys
 from shared.setup_told import SetupTold
 from shared.site import CameraGeometry, load_site
 from shared.site.setup_change import change_setup
-from shared.site.setup_file import CameraSetup, SetUp
+from shared.site.setup_file import CameraSetup, SetUp, setup_path
 from shared.site.site_file import Lens
 
 KEYS = [
@@ -78,6 +79,7 @@ def system(project: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
     site["cameras"] = [camera, {**camera, "id": SHUT}]
     site_file = folder / "site.yaml"
     site_file.write_text(yaml.safe_dump(site))
+    (folder / "filed.yaml").write_text(yaml.safe_dump(site))  # nothing is ever set up beside this one
     endpoint, port = f"tcp/127.0.0.1:{unused_port()}", unused_port()
     session = router(endpoint)
     clock = [100.0]
@@ -220,6 +222,10 @@ def test_what_is_saved_is_what_the_next_start_reads(system: System) -> None:
     system.post(path, {**order, "area_of_interest": None})
     assert load_site(system.site_file).camera(SHUT).area_of_interest is None
     assert (system.folder / "site.setup.1.yaml").is_file()
+    # Taken away by hand: the site file counts again, also in what runs.
+    filed = load_site(system.site_file.with_name("filed.yaml")).camera(SHUT).geometry.build().position
+    setup_path(system.site_file).unlink()
+    wait_until(lambda: np.allclose(system.drawn(SHUT)["position"], filed, atol=0.01), 10, "the camera as filed")
 
 
 def test_a_lens_that_was_calibrated_is_used_and_saved_with_the_pairs(system: System) -> None:
