@@ -62,8 +62,6 @@ class BusTimeoutError(BusError):
     """No router was reachable in the time given."""
 
 
-_trace_prefix = f"{os.getpid():x}-{time.time_ns() // 1000 % 2**32:x}"
-_trace_number = itertools.count(1)
 _encode_trace = msgspec.json.Encoder().encode
 
 
@@ -71,8 +69,14 @@ class Publisher(Generic[M]):
     """Publishes messages of one type on one key."""
 
     def __init__(
-        self, put: Callable[..., None], kind: type[M], undeclare: Callable[[], None], matching: Callable[[], bool]
+        self,
+        put: Callable[..., None],
+        kind: type[M],
+        undeclare: Callable[[], None],
+        matching: Callable[[], bool],
+        new_trace: Callable[[], str],
     ) -> None:
+        self._new_trace = new_trace
         self._put = put
         self._matching = matching
         self._undeclare = undeclare
@@ -90,7 +94,7 @@ class Publisher(Generic[M]):
             The trace that travels with it.
         """
         now = time.time()
-        trace = Trace(f"{_trace_prefix}-{next(_trace_number)}", now if origin is None else origin, now)
+        trace = Trace(self._new_trace(), now if origin is None else origin, now)
         self._put(encode(message), attachment=_encode_trace(trace))
         self._count.inc()
         return trace
@@ -154,6 +158,9 @@ class Bus:
         except TimeoutError as error:
             raise BusTimeoutError(f"bus: no router at {', '.join(connect)}") from error
         self._declared: list[Any] = []
+        # Of the session, not of the process: a service that begins anew is told from the one before by it.
+        prefix, numbers = f"{os.getpid():x}-{time.time_ns() // 1000 % 2**32:x}", itertools.count(1)
+        self._new_trace = lambda: f"{prefix}-{next(numbers)}"
         CONNECTED.set_function(lambda: float(self.connected))
 
     @property
@@ -195,7 +202,9 @@ class Bus:
                 self._declared.remove(declared)
                 declared.undeclare()
 
-        return Publisher(declared.put, kind, undeclare, lambda: bool(declared.matching_status.matching))
+        return Publisher(
+            declared.put, kind, undeclare, lambda: bool(declared.matching_status.matching), self._new_trace
+        )
 
     def inbox(self, capacity: int = 10_000) -> Inbox:
         """Return a new inbox that holds at most ``capacity`` undelivered messages."""

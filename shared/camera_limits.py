@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-__all__ = ["LEARNED_OPTIONS", "alignment_problem", "options_problem"]
+__all__ = ["LEARNED_OPTIONS", "UNIT", "alignment_problem", "calibration_problem", "options_problem"]
 
 LEARNED_OPTIONS: dict[str, tuple[float, float]] = {
     "learning_rate": (1e-6, 10.0),
@@ -18,6 +18,8 @@ LEARNED_OPTIONS: dict[str, tuple[float, float]] = {
     "width_scale": (0.5, 2.0),
 }
 """The detector options that are learned, with least and largest values, which the foreground detector takes."""
+UNIT = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+"""The alignment that corrects nothing."""
 FURTHEST = 10.0
 """Metres by which the floor a camera sees may be moved in the median: some knocks on top of each other, no more."""
 STRETCH = 2.0
@@ -33,6 +35,19 @@ def options_problem(options: Mapping[str, float]) -> str:
         if not least <= value <= most:
             return f"options.{name}: found {value:g}; allowed: {least:g} to {most:g}"
     return ""
+
+
+def calibration_problem(homography: Sequence[float], corrects: str, geometry: str) -> str:
+    """Return why an alignment is none of a camera as it is calibrated now; empty: it is.
+
+    Args:
+        homography: as for ``alignment_problem``; one that corrects nothing is of every calibration.
+        corrects: digest of the calibration it was learned with.
+        geometry: digest of the calibration there is.
+    """
+    if corrects == geometry or tuple(homography) == UNIT:
+        return ""
+    return "it corrects another calibration of this camera than the one it has now"
 
 
 def alignment_problem(homography: Sequence[float], floor: Sequence[tuple[float, float]]) -> str:

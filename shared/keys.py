@@ -70,6 +70,10 @@ class Keys:
         """ZoneSet (``shared.zones``): all zones as staff keep them, from the API; cached."""
         return f"{self.root}/config/zones"
 
+    def setup(self) -> str:
+        """SetupTold (``shared.setup_told``): what is set up in the browser, from the API; cached."""
+        return f"{self.root}/config/setup"
+
     def occupancy(self) -> str:
         """Occupancy: how many people are in each zone, every few seconds; from geofence."""
         return f"{self.root}/occupancy"

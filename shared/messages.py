@@ -118,6 +118,8 @@ class CameraStatus(Message, frozen=True, kw_only=True):
     """The measurement time of the source's first frame in this pass (a looping file has one per loop)."""
     settings_version: int = 0
     """Of the learned DetectorSettings in use; 0: as configured."""
+    geometry: str = ""
+    """``shared.site.geometry_digest`` of the calibration in use; empty where whoever tells does not say."""
 
 
 class RadioScan(Message, frozen=True, kw_only=True):
@@ -414,6 +416,8 @@ class CameraAlignment(Message, frozen=True, kw_only=True):
     homography: tuple[float, float, float, float, float, float, float, float, float]
     """3 x 3 by rows, from the plan as calibrated to the true plan, metres; the unit matrix takes a correction back."""
     reason: str = ""
+    geometry: str = ""
+    """``shared.site.geometry_digest`` of the calibration it corrects: of no other is it true."""
 
 
 class Erasure(Message, frozen=True, kw_only=True):

@@ -68,6 +68,11 @@ class Health:
         if known is not None:
             log.info("recovered", topic=topic, after=known)
 
+    def forget(self) -> None:
+        """Forget all problems: whoever told of them is gone, and what begins looks anew."""
+        with self._lock:
+            self._problems.clear()
+
     def problems(self) -> dict[str, str]:
         """Return the present problems by topic."""
         with self._lock:
@@ -90,6 +95,8 @@ class Service(ABC, Generic[S]):
         self.health = health
         self.keys = Keys(site.site)
         self.stopping = threading.Event()
+        self.next_site: Site | None = None
+        """The site this service is to begin anew with, once ``run`` has returned."""
 
     @classmethod
     def check(cls, settings: S, site: Site) -> None:
@@ -107,6 +114,11 @@ class Service(ABC, Generic[S]):
     @abstractmethod
     def run(self) -> None:
         """Do the service's work until ``self.stopping`` is set."""
+
+    def begin_anew(self, site: Site) -> None:
+        """Stop, and let a new service of this process begin with another site: what is saved at a stop goes on."""
+        self.next_site = site
+        self.stop()
 
     def stop(self) -> None:
         """Ask the service to stop; called from a thread of its own. Extend to wake up whatever ``run`` waits for."""
@@ -161,9 +173,12 @@ def _live(kind: type[Service[S]], settings: S, site: Site) -> int:
         return 1
     status = 0
     try:
-        link.open(stop_requested)
-        if link.bus is not None:
-            service = kind(settings, site, link.bus, health)
+        following: Site | None = site
+        while following is not None and not stop_requested.is_set():
+            link.open(stop_requested)
+            if link.bus is None:
+                break
+            service = kind(settings, following, link.bus, health)
             link.bus.announce(service.keys.alive(kind.name, service.instance))
             link.bus.answer(
                 service.keys.health(kind.name, service.instance), lambda: json.dumps(health.problems()).encode()
@@ -171,6 +186,11 @@ def _live(kind: type[Service[S]], settings: S, site: Site) -> int:
             link.bus.answer(service.keys.kept(kind.name, service.instance), lambda: encode_kept(settings.kept()))
             if not stop_requested.is_set():
                 service.run()
+            following = service.next_site
+            if following is not None:
+                log.info("beginning anew: the site was set up anew")
+                link.close()
+                health.forget()
     except (BusError, ServiceError) as error:
         log.error("cannot go on", reason=str(error))
         status = 1
@@ -211,8 +231,9 @@ class _Link:
         notice.cancel()
 
     def close(self) -> None:
-        if self.bus is not None:
-            self.bus.close()
+        bus, self.bus = self.bus, None
+        if bus is not None:
+            bus.close()
 
 
 def setup_logging(level: str, form: str, service: str = "") -> None:

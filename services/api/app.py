@@ -61,6 +61,7 @@ def create_app(
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
     ask: Callable[[str, float, bytes | None], bytes | None] = lambda *_: None,
     ask_all: AskAll = lambda *_: (),
+    set_up: Callable[[], None] = lambda: None,
 ) -> FastAPI:
     """Return the application.
 
@@ -78,6 +79,7 @@ def create_app(
         lifespan: runs around the life of the server.
         ask: sends a query over the bus: key, seconds to wait, payload; None where nobody answers.
         ask_all: sends a query that many answer: key, seconds to wait.
+        set_up: called after the set-up was saved.
     """
     sources: dict[str, Callable[[float], bytes]] = {
         "/v1/positions": live.positions_json,
@@ -119,7 +121,7 @@ def create_app(
     app.include_router(admin_routes(admin))
     for router in (learning_reads(site, learning), learning_maps(site, learning), learning_orders(learning)):
         app.include_router(router)
-    app.include_router(calibration_routes(site, settings.site_file, ask, learning))
+    app.include_router(calibration_routes(site, settings.site_file, ask, live, set_up))
     app.include_router(history_reads(site, history, admin.viewing_places))
     app.include_router(erasure_routes(erasures, functools.partial(withdraw, Keys(site.site), ask)))
     app.include_router(retention_routes(Keys(site.site), ask_all, [*settings.expected_of(site), "api"]))

@@ -169,7 +169,7 @@ class CalibrationView(Reply, frozen=True, kw_only=True):
     """When it was saved in the browser; null: it is the site file's."""
     by: str
     pending: bool
-    """Saved, but not in use before the processes are started again."""
+    """The camera does not use it yet: it takes up what is saved within seconds, when it runs and sees pictures."""
 
 
 class CalibrationSaved(Reply, frozen=True, kw_only=True):
@@ -177,8 +177,6 @@ class CalibrationSaved(Reply, frozen=True, kw_only=True):
 
     words: str
     version: int
-    restart: list[str]
-    """Processes that go on with the old values until they are started again."""
 
 
 class Placement(Reply, frozen=True, kw_only=True):
@@ -256,12 +254,12 @@ CALIBRATION_EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
         "lens": False,
         "saved": 1767225600.0,
         "by": "installer",
-        "pending": True,
+        "pending": False,
     },
     CalibrationSaved: {
-        "words": "Saved. In use once these are started again: camera lobby, fusion of ground-floor, learning, api.",
+        "words": "Saved: camera lobby, fusion of ground-floor and learning take it up within seconds, and nothing need "
+        "be started again. A correction learned for the calibration before is taken back.",
         "version": 3,
-        "restart": ["camera lobby", "fusion of ground-floor", "learning", "api"],
     },
     Placements: {
         "access_points": [

@@ -34,12 +34,11 @@ from services.api.calibration_saving import (
     check_inside,
     lens_of,
     save_calibration,
-    saved,
     unfit,
 )
 from services.api.calibration_trial import all_pairs, try_pairs
 from services.api.camera_link import CameraLink
-from services.api.learning_link import LearningLink
+from services.api.live_state import LiveState
 from services.api.openapi import documented, errors
 from services.api.problems import Problem, ProblemError, unknown
 from services.api.request_body import described, read_struct
@@ -53,6 +52,10 @@ __all__ = ["calibration_routes"]
 
 LARGEST = 1 << 20
 """Bytes of a body."""
+PLACED = (
+    "Saved, and in use within seconds: nothing need be started again. Fusion of {} begins anew with it: everybody "
+    "there gets a new number, and phones find their people again."
+)
 
 _JPEG: dict[int | str, dict[str, Any]] = {
     200: {
@@ -63,7 +66,11 @@ _JPEG: dict[int | str, dict[str, Any]] = {
 
 
 def calibration_routes(
-    site: Site, site_file: Path, ask: Callable[[str, float, bytes | None], bytes | None], learning: LearningLink
+    site: Site,
+    site_file: Path,
+    ask: Callable[[str, float, bytes | None], bytes | None],
+    live: LiveState,
+    told: Callable[[], None],
 ) -> APIRouter:
     """Return the routes.
 
@@ -71,10 +78,11 @@ def calibration_routes(
         site: as read at the start.
         site_file: beside it is saved.
         ask: sends a query over the bus.
-        learning: knows which corrections of calibrations were learned.
+        live: knows which calibration each camera uses.
+        told: called after something was saved: tells it to all.
     """
     router = APIRouter(prefix="/v1", tags=["set-up"], default_response_class=Response)
-    link, desk = CameraLink(Keys(site.site), ask), SetupDesk(site_file, site)
+    link, desk = CameraLink(Keys(site.site), ask), SetupDesk(site_file, site, told)
 
     @router.post("/cameras/{camera}/still", responses=documented(StillOpened, 404, 409, 422, 429, 503))
     def open_stills(request: Request, camera: str) -> Response:
@@ -112,7 +120,7 @@ def calibration_routes(
     @router.get("/cameras/{camera}/calibration", responses=documented(CalibrationView, 404, 409))
     def calibration(camera: str) -> Response:
         """How a camera is calibrated: as saved in the browser, or else as the site file says."""
-        return _json(calibration_view(site, desk, _camera(site, camera)))
+        return _json(calibration_view(site, desk, live, _camera(site, camera)))
 
     @router.post(
         "/cameras/{camera}/calibration/try",
@@ -149,7 +157,7 @@ def calibration_routes(
 
         def work() -> CalibrationSaved:
             with _audited(request, "save calibration", camera):
-                return save_calibration(site, desk, learning, named, order, _name(request))
+                return save_calibration(site, desk, live, named, order, _name(request))
 
         return _json(await run_in_threadpool(work))
 
@@ -191,7 +199,7 @@ def calibration_routes(
                 version = desk.place(order.positions, _name(request))
             floors = {known[name].floor for name in order.positions}
             areas = [area.id for area in site.areas if area.floor in floors]
-            return saved(version, [f"fusion of {area}" for area in areas], [])
+            return CalibrationSaved(words=PLACED.format(", ".join(areas) or "no area"), version=version)
 
         return _json(await run_in_threadpool(work))
 

@@ -1,4 +1,4 @@
-"""What is kept of a calibration, how it is told, and which processes go on with the old one until they start again."""
+"""What is kept of a calibration, how it is told, and whether the camera uses it."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ from services.api.calibration_replies import (
     Pair,
 )
 from services.api.calibration_trial import all_pairs, try_pairs
-from services.api.learning_link import LearningLink
+from services.api.live_state import LiveState
 from services.api.problems import Problem, ProblemError
 from services.api.request_body import invalid
 from services.api.setup_desk import SetupDesk
 from shared.site import Camera, Site
 from shared.site.camera_geometry import GeometryError, LensModel
+from shared.site.geometry_digest import geometry_digest
 from shared.site.setup_file import CameraSetup
 from shared.site.site_file import Lens, PointsGeometry, TsaiGeometry
 
-__all__ = ["calibration_view", "check_inside", "lens_of", "save_calibration", "saved", "unfit"]
+__all__ = ["calibration_view", "check_inside", "lens_of", "save_calibration", "unfit"]
 
 
 def save_calibration(
-    site: Site, desk: SetupDesk, learning: LearningLink, camera: Camera, order: CalibrationSave, by: str
+    site: Site, desk: SetupDesk, live: LiveState, camera: Camera, order: CalibrationSave, by: str
 ) -> CalibrationSaved:
     """Try the pairs once more, so that nothing is stored that the next start would refuse, and store the used ones."""
     attempt = CalibrationTry(image_size=order.image_size, pairs=order.pairs)
@@ -56,34 +57,22 @@ def save_calibration(
     except (GeometryError, ValueError) as error:
         raise unfit(str(error)) from error
     version = desk.save_camera(camera.id, geometry, interest, by)
-    return saved(version, [f"camera {camera.id}", f"fusion of {camera.area}"], _learned(learning, camera.id))
+    words = [_taken_up(live, camera), "A correction learned for the calibration before is taken back."]
+    return CalibrationSaved(words=" ".join(words), version=version)
 
 
-def saved(version: int, first: list[str], further: list[str]) -> CalibrationSaved:
-    """Return the answer: what is saved; ``first``, learning and api go on with the old until started again."""
-    restart = [*first, "learning", "api"]
-    words = [
-        f"Saved. In use once these are started again: {', '.join(restart)} (atrium demo does so by itself).",
-        *further,
-    ]
-    return CalibrationSaved(words=" ".join(words), version=version, restart=restart)
+def _taken_up(live: LiveState, camera: Camera) -> str:
+    """Tell when the camera uses it."""
+    known = live.calibration(camera.id)
+    if known is None:
+        return f"Saved. No process of camera {camera.id} is heard: it takes it up when it runs."
+    if not known:
+        return f"Saved. What camera {camera.id} detects is made by a scenario, and stays as its site file says."
+    taken = f"camera {camera.id}, fusion of {camera.area} and learning take it up within seconds"
+    return f"Saved: {taken}, and nothing need be started again."
 
 
-def _learned(learning: LearningLink, camera: str) -> list[str]:
-    """Tell of a correction that was learned for the calibration that is replaced."""
-    try:
-        report = learning.report()
-    except ProblemError:
-        return []
-    if any(one.camera == camera and one.alignment == "corrected" for one in report.cameras):
-        return [
-            f"A correction that was learned for the old calibration of {camera} is still laid over it: "
-            "roll back its alignment on the learning page."
-        ]
-    return []
-
-
-def calibration_view(site: Site, desk: SetupDesk, camera: Camera) -> CalibrationView:
+def calibration_view(site: Site, desk: SetupDesk, live: LiveState, camera: Camera) -> CalibrationView:
     """Return how a camera is calibrated: as saved, or else as the site file says."""
     kept = desk.read().cameras.get(camera.id, CameraSetup())
     geometry = kept.geometry or camera.geometry
@@ -102,7 +91,7 @@ def calibration_view(site: Site, desk: SetupDesk, camera: Camera) -> Calibration
         lens=_known_lens(desk, camera) is not None,
         saved=kept.saved if kept.geometry is not None else None,
         by=kept.by,
-        pending=desk.pending(camera, kept),
+        pending=kept.geometry is not None and live.calibration(camera.id) not in ("", geometry_digest(geometry)),
     )
 
 

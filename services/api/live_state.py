@@ -162,6 +162,11 @@ class LiveState:
         self._version += 1
         return True
 
+    def calibration(self, camera: str) -> str | None:
+        """Return the digest of the calibration a camera said last that it uses; None: it was never heard."""
+        held = self._statuses.get(camera)
+        return None if held is None else held[0].geometry
+
     def forget(self, now: float) -> None:
         """Drop the positions that are too old to be told; call once in a while, so that memory is bounded."""
         for name in [name for name, fix in self._fixes.items() if now - fix.arrived.origin > self._positions_kept]:

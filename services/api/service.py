@@ -25,6 +25,7 @@ from services.api.live_state import LiveState
 from services.api.pseudonyms import Pseudonyms
 from services.api.replies import HealthReport
 from services.api.settings import DEMO_KEY, ApiSettings
+from services.api.setup_news import SetupNews
 from services.api.stream import Hub
 from shared.acknowledgements import Acknowledgements
 from shared.bus import Bus, Delivery
@@ -32,6 +33,7 @@ from shared.http_server import serve
 from shared.messages import Alert, CameraStatus, Erasure, ErasureDone, Message, Occupancy, Revision, TrackFrame
 from shared.runner import Health, Service
 from shared.settings import SettingsError
+from shared.setup_told import SetupTold
 from shared.site import Site
 from shared.zones import ZoneSet
 
@@ -65,6 +67,10 @@ class ApiService(Service[ApiSettings]):
         self._erasures = ErasureBoard()
         published = bus.publisher(self.keys.zones(), ZoneSet, cached=True)
         self._admin = Administration.open(settings, site, self._live, published, self._pseudonyms, own.of("books"))
+        self._setup = SetupNews(
+            settings.site_file, site, bus.publisher(self.keys.setup(), SetupTold, cached=True), health, self._set_up
+        )
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._connected = bus.connected
         self._inbox = bus.inbox(capacity=10_000)
         self._strangers: set[str] = set()
@@ -110,6 +116,7 @@ class ApiService(Service[ApiSettings]):
             self._lifespan,
             self._ask_once,
             lambda key, timeout: list(self.bus.ask(key, timeout)),
+            self._setup.look,
         )
         settings = self.settings
         serve(
@@ -130,10 +137,15 @@ class ApiService(Service[ApiSettings]):
     @asynccontextmanager
     async def _lifespan(self, _: FastAPI) -> AsyncIterator[None]:
         """Feed the state from the bus for as long as HTTP is served."""
-        loop = asyncio.get_running_loop()
+        loop = self._loop = asyncio.get_running_loop()
         threads = [
             threading.Thread(target=work, args=(loop,), name=name, daemon=True)
-            for name, work in (("bus", self._read_bus), ("presence", self._watch), ("books", self._keep_books))
+            for name, work in (
+                ("bus", self._read_bus),
+                ("presence", self._watch),
+                ("books", self._keep_books),
+                ("set-up", self._watch_setup),
+            )
         ]
         threads += self._alerts.threads(self.stopping)
         for thread in threads:
@@ -166,6 +178,17 @@ class ApiService(Service[ApiSettings]):
         """Write down once a second who looked whom up; a database that hangs holds up nothing else."""
         while not self.stopping.wait(1.0):
             self._keep()
+
+    def _watch_setup(self, _: asyncio.AbstractEventLoop) -> None:
+        """Tell what is set up, at once and, should it be changed by hand, within a second."""
+        self._setup.look()
+        while not self.stopping.wait(1.0):
+            self._setup.look()
+
+    def _set_up(self, site: Site) -> None:
+        """Let the map show what is set up now; called in any thread."""
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._admin.set_up, site)
 
     def _keep(self) -> None:
         """Write down what waits, and say so when that cannot be."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from services.api.problems import Problem, ProblemError
 from shared.part_file import PartFileError
-from shared.site import Camera, Site
+from shared.site import Site
 from shared.site.setup_change import SetupRefusedError, SetupUnwritableError, change_setup
 from shared.site.setup_file import CameraSetup, PointPlace, SetUp, read_setup
 from shared.site.site_file import PointsGeometry
@@ -23,11 +23,15 @@ class SetupDesk:
 
     Args:
         site_file: beside it the set-up lies.
-        site: as this process read it at its start.
+        site: whose it is.
+        told: called after something was saved.
         now: wall clock, seconds since the epoch.
     """
 
-    def __init__(self, site_file: Path, site: Site, now: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self, site_file: Path, site: Site, told: Callable[[], None], now: Callable[[], float] = time.time
+    ) -> None:
+        self._told = told
         self._file = site_file
         self._site = site
         self._now = now
@@ -42,13 +46,6 @@ class SetupDesk:
             return read_setup(self._file) or SetUp(site=self._site.site)
         except PartFileError as error:
             raise _problem(409, "Set-up is damaged", str(error)) from error
-
-    def pending(self, camera: Camera, saved: CameraSetup) -> bool:
-        """Whether what is saved of a camera is not what this process, and so the others, began with."""
-        if saved.geometry is not None and saved.geometry != camera.geometry:
-            return True
-        told = saved.area_of_interest is not None or saved.whole_picture
-        return told and saved.area_of_interest != camera.area_of_interest
 
     def save_camera(self, camera: str, geometry: PointsGeometry, interest: Ring | None, by: str) -> int:
         """Store a calibration with its area of interest and return the set-up's version.
@@ -90,11 +87,13 @@ class SetupDesk:
 
     def _change(self, change: Callable[[SetUp], SetUp]) -> int:
         try:
-            return change_setup(self._file, change).version
+            version = change_setup(self._file, change).version
         except SetupRefusedError as error:
             raise _problem(422, "Does not fit the site", str(error)) from error
         except SetupUnwritableError as error:
             raise _problem(503, "Cannot be written", str(error)) from error
+        self._told()
+        return version
 
 
 def _problem(status: int, title: str, words: str) -> ProblemError:

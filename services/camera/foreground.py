@@ -136,6 +136,12 @@ class ForegroundDetector:
         self._templates = replace(self._templates, density=options.density)
         return True
 
+    def recalibrate(self, geometry: CameraGeometry) -> None:
+        """Go on with another calibration of the same pictures and the background as learned."""
+        self._geometry = geometry.scaled_to(*self._mask_size)
+        self._templates = self._built(self._options)
+        self.forget_sizes(paused=self._sizes is None)
+
     def detect(self, image: Image, t: float) -> Detections:
         """Return the people in ``image``, taken at ``t``; see the protocol."""
         image = self._shrunk(image)

@@ -15,6 +15,7 @@ import cv2
 
 from services.camera.detector import Image
 from services.camera.frames import Frame, SourceError
+from services.camera.no_stream import why_no_stream
 from shared.redaction import redact_url
 
 __all__ = ["LiveSource"]
@@ -151,10 +152,7 @@ def _open(address: str | int) -> cv2.VideoCapture:
     ]
     capture = cv2.VideoCapture(address, cv2.CAP_FFMPEG, timeouts)
     if not capture.isOpened():
-        raise SourceError(
-            f"{_name(address)} cannot be reached or sends no video: check that the camera is on, the address, "
-            "and user and password"
-        )
+        raise SourceError(f"{_name(address)} gives no video: {why_no_stream(address)}")
     return capture
 
 

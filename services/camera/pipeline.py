@@ -100,6 +100,23 @@ class Pipeline:
         if self._detector is not None and not (adopt is not None and adopt(wanted)):
             self._detector = None
 
+    def recalibrate(self, camera: Camera) -> None:
+        """Go on with another calibration and area of interest of the same camera, and with the background as learned.
+
+        Raises:
+            GeometryError: the calibration is not usable; nothing has changed.
+        """
+        self._geometry = camera.geometry.build()
+        self._camera = camera
+        if self._size is None:
+            return
+        self._projection = Projection(self._geometry, self._size, camera.area_of_interest)
+        recalibrate = getattr(self._detector, "recalibrate", None)
+        if recalibrate is None:
+            self._detector = None
+        else:
+            recalibrate(self._projection.geometry)
+
     def prime(self, empty: Image) -> None:
         """Begin with a picture of the scene without people, of the size of the pictures to come.
 

@@ -35,8 +35,8 @@ class RedetectDesk:
     """Answers one camera's questions.
 
     Args:
-        camera: as the site file says; ``floor``: its id.
-        floor: see above.
+        camera: returns the camera as it is calibrated now.
+        floor: id of the floor it watches.
         detector: name of the detector.
         configured: its options as configured.
         ring: the last minutes' pictures.
@@ -49,7 +49,7 @@ class RedetectDesk:
 
     def __init__(
         self,
-        camera: Camera,
+        camera: Callable[[], Camera],
         floor: str,
         detector: str,
         configured: Mapping[str, Any],
@@ -105,7 +105,7 @@ class RedetectDesk:
                 question.answer(_refusal(str(error)))
                 return
             job = Job(
-                self._camera,
+                self._camera(),
                 self._floor,
                 self._detector,
                 options,

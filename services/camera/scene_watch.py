@@ -34,6 +34,9 @@ SURE = 3
 """Comparisons in a row that must say the same before it is told: half a minute more."""
 BLIND = 0.3
 """Share of the known scene's edges (their mean strength) below which there are none."""
+BLANK = 0.2
+"""Mean strength, grey levels per pixel, below which a picture shows nothing from the start; a bare hall has 1."""
+NOTHING = "the camera sees next to nothing: it is covered or out of focus, looks at a wall, or it is dark"
 STRONG = 75
 """Percentile of strength from which on the known scene's pixels count as edges."""
 FAINT = 2.0
@@ -89,6 +92,9 @@ class SceneWatch:
     def _compare(self, edges: Edges) -> None:
         strength = float(np.abs(edges).mean())
         if self._known is None:
+            self.verdict = NOTHING if strength < BLANK else ""
+            if self.verdict:
+                return
             self._known, self._strength = edges, strength
             return
         kind, words = self._judged(edges, strength)
@@ -102,10 +108,7 @@ class SceneWatch:
     def _judged(self, edges: Edges, strength: float) -> tuple[str, str]:
         """Return what is wrong, as one word and in a sentence; both are empty where nothing is."""
         if strength < BLIND * self._strength:
-            return (
-                "blind",
-                "the camera sees next to nothing: it is covered or out of focus, looks at a wall, or it is dark",
-            )
+            return "blind", NOTHING
         there, shifted, way = agreement(cast(Edges, self._known), edges)
         if way >= SHIFT and shifted >= max(ALIKE, there + CLEARER):
             pixels = round(way * self._size[0] / WIDTH)

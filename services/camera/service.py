@@ -26,12 +26,14 @@ from services.camera.sources import open_source
 from services.camera.status import StatusBoard
 from services.camera.still_desk import StillDesk
 from shared.bus import Bus
-from shared.camera_limits import alignment_problem
+from shared.camera_limits import alignment_problem, calibration_problem
 from shared.messages import CameraAlignment, CameraStatus, DetectionFrame, DetectorSettings
 from shared.runner import Health, Service
 from shared.settings import SettingsError
-from shared.site import Site
+from shared.setup_told import FollowedSite, SetupTold
+from shared.site import Camera, Site
 from shared.site.footprint import footprint
+from shared.site.geometry_digest import geometry_digest
 
 __all__ = ["CameraService"]
 
@@ -67,8 +69,7 @@ class CameraService(Service[CameraSettings]):
         super().__init__(settings, site, bus, health)
         self._camera = site.camera(settings.camera)
         self._floor = site.area(self._camera.area).floor
-        outline = site.floor(self._floor).plan().outline
-        self._watched = footprint(self._camera.geometry.build(), self._camera.area_of_interest, outline)
+        self._followed = FollowedSite(settings.site_file, site, health)
         self._pipeline = Pipeline(self._camera, settings.detector, settings.detector_options)
         self._source: Source = open_source(self._camera, settings.pace)
         self._detections = bus.publisher(self.keys.detections(self._camera.id), DetectionFrame, newest=True)
@@ -82,7 +83,7 @@ class CameraService(Service[CameraSettings]):
         self._doubted = ""
         """What was wrong with the view when the last picture was looked at."""
         self._desk = RedetectDesk(
-            self._camera,
+            lambda: self._camera,
             self._floor,
             settings.detector,
             settings.detector_options,
@@ -93,7 +94,12 @@ class CameraService(Service[CameraSettings]):
             lambda: self._watch.verdict or self._pipeline.doubt,
             settings.redetect_patience,
         )
-        self._stills = StillDesk(self._camera.id, settings.allow_stills, settings.still_minutes)
+        self._stills = StillDesk(
+            self._camera.id,
+            settings.allow_stills,
+            settings.still_minutes,
+            trouble=lambda: health.problems().get("source", ""),
+        )
         self._alignment = np.eye(3)
         self._aligned, self._adopted = LearnedVersion("alignment"), LearnedVersion("detector settings")
         self._alignments = bus.inbox(100)
@@ -126,8 +132,9 @@ class CameraService(Service[CameraSettings]):
     def run(self) -> None:
         """Process frames; reopen a source that failed, later and later; stay when it has ended."""
         cv2.setNumThreads(self.settings.opencv_threads)
-        self._status.refresh()
+        self._measure_view()
         self._models.subscribe(self.keys.detector_settings(self._camera.id), DetectorSettings, cached=True)
+        self._models.subscribe(self.keys.setup(), SetupTold, cached=True)
         self.bus.answer_questions(self.keys.redetect(self._camera.id), self._desk.take)
         self.bus.answer_questions(self.keys.still(self._camera.id), self._stills.take)
         RING_BYTES.labels(self._camera.id).set_function(lambda: self._ring.held_bytes)
@@ -167,9 +174,7 @@ class CameraService(Service[CameraSettings]):
     def _take(self, frame: Frame) -> None:
         camera = self._camera.id
         self._stills.offer(frame.image, frame.t)
-        for delivery in self._models.receive(0.0):
-            if isinstance(delivery.message, DetectorSettings):
-                self._adopt(delivery.message)
+        self._listen()
         if frame.seq == 0:
             self._status.begin_pass(frame.pass_origin)
             if not self._source.live:
@@ -224,6 +229,33 @@ class CameraService(Service[CameraSettings]):
         self._pipeline.prime(np.asarray(cv2.resize(empty, (width, height), interpolation=cv2.INTER_AREA), np.uint8))
         return True
 
+    def _listen(self) -> None:
+        """Take in what learning and whoever sets the site up have told."""
+        for delivery in self._models.receive(0.0):
+            if isinstance(delivery.message, DetectorSettings):
+                self._adopt(delivery.message)
+            elif isinstance(delivery.message, SetupTold) and self._followed.take(delivery.message):
+                self._recalibrate(self._followed.site.camera(self._camera.id))
+
+    def _recalibrate(self, camera: Camera) -> None:
+        """Go on with what was set up of this camera; a correction learned before was one of the calibration before."""
+        if (camera.geometry, camera.area_of_interest) == (self._camera.geometry, self._camera.area_of_interest):
+            return
+        anew = camera.geometry != self._camera.geometry
+        self._camera = camera
+        self._pipeline.recalibrate(camera)
+        if anew:
+            self._alignment = np.eye(3)
+        self._measure_view()
+        log.info("calibrated anew", camera=camera.id, geometry=self._calibration)
+
+    def _measure_view(self) -> None:
+        """Find out which part of the floor is watched, and tell which calibration is in use."""
+        outline = self.site.floor(self._floor).plan().outline
+        self._watched = footprint(self._camera.geometry.build(), self._camera.area_of_interest, outline)
+        self._calibration = geometry_digest(self._camera.geometry)
+        self._status.calibrated(self._calibration)
+
     def _adopt(self, settings: DetectorSettings) -> None:
         """Let the running detector work with what was learned; what it cannot is told and changes nothing."""
         if self._adopted.is_newer_than(settings.version):
@@ -245,7 +277,8 @@ class CameraService(Service[CameraSettings]):
             told = delivery.message
             if not isinstance(told, CameraAlignment) or self._aligned.is_newer_than(told.version):
                 continue
-            if reason := alignment_problem(told.homography, self._watched):
+            reason = alignment_problem(told.homography, self._watched)
+            if reason := reason or calibration_problem(told.homography, told.geometry, self._calibration):
                 self.health.degraded("alignment", f"version {told.version} is refused: {reason}")
                 continue
             homography = np.array(told.homography).reshape(3, 3)
@@ -284,10 +317,12 @@ class CameraService(Service[CameraSettings]):
         again = time.monotonic() + self._delay
         self._delay = min(2.0 * self._delay, LONGEST_DELAY)
         while not self.stopping.wait(min(max(again - time.monotonic(), 0.0), 1.0)) and time.monotonic() < again:
+            self._listen()
             self._status.refresh()
 
     def _rest(self, state: str, reason: str = "") -> None:
         """Stay alive and tell how things are until the process is stopped."""
         self._status.change("ended" if state == "ended" else "degraded", reason)
         while not self.stopping.wait(1.0):
+            self._listen()
             self._status.refresh()

@@ -33,6 +33,7 @@ class StatusBoard:
         self._recent: deque[float] = deque()
         self._published = -REFRESH
         self._version = 0
+        self._geometry = ""
 
     def change(self, state: State, reason: str = "") -> None:
         """Publish a new state, or a new reason for it, if it is one."""
@@ -43,6 +44,11 @@ class StatusBoard:
     def adopted(self, version: int) -> None:
         """Publish which learned settings the detector works with."""
         self._version = version
+        self._publish()
+
+    def calibrated(self, geometry: str) -> None:
+        """Publish which calibration is in use."""
+        self._geometry = geometry
         self._publish()
 
     def begin_pass(self, origin: float) -> None:
@@ -80,5 +86,6 @@ class StatusBoard:
                 frames_per_s=round((len(self._recent) - 1) / span, 2) if span > 0.0 else 0.0,
                 origin=self._origin,
                 settings_version=self._version,
+                geometry=self._geometry,
             )
         )

@@ -38,6 +38,7 @@ class StillDesk:
         minutes: how long an operator's permission lasts.
         now: wall clock, seconds since the epoch.
         clock: seconds that only grow.
+        trouble: returns why no picture comes, in plain words; empty where one may still come.
     """
 
     def __init__(
@@ -47,10 +48,12 @@ class StillDesk:
         minutes: float,
         now: Callable[[], float] = time.time,
         clock: Callable[[], float] = time.monotonic,
+        trouble: Callable[[], str] = lambda: "",
     ) -> None:
         self._camera = camera
         self._allowed = allowed
         self._minutes = minutes
+        self._trouble = trouble
         self._now, self._clock = now, clock
         self._until = -1.0
         self._last = -EVERY
@@ -102,7 +105,7 @@ class StillDesk:
             if clock - self._last < EVERY:
                 return StillAnswer(refusal="busy", words="one still a second: ask again", until=now + left), None
             if self._newest is None:
-                words = f"camera {self._camera} has no picture yet"
+                words = f"camera {self._camera} has no picture yet: {self._trouble() or 'ask again in some seconds'}"
                 return StillAnswer(refusal="no-picture", words=words, until=now + left), None
             self._last = clock
             return StillAnswer(until=now + left), self._newest

@@ -17,9 +17,8 @@ from services.cli.launcher import Launcher, LauncherError, ProcessSpec
 from shared.bus import router
 from shared.settings import data_folder
 from shared.site import load_site
-from shared.site.setup_file import setup_path
 
-__all__ = ["Demo", "Ports", "SetupWatch", "find_site", "shipped_sites"]
+__all__ = ["Demo", "Ports", "find_site", "shipped_sites"]
 
 SITES = Path(__file__).resolve().parent.parent.parent / "deploy" / "sites"
 API_KEY = "demo-api-key"
@@ -61,26 +60,6 @@ def find_site(name: str) -> Path:
         if candidate.is_file():
             return candidate.resolve()
     raise LauncherError(f"--site {name}: no such site; shipped are {', '.join(shipped_sites())}, or name a site file")
-
-
-class SetupWatch:
-    """Tells when what is set up beside a site file was saved again."""
-
-    def __init__(self, site_file: Path) -> None:
-        self._path = setup_path(site_file)
-        self._known = self._stamp()
-
-    def changed(self) -> bool:
-        """Whether it was since this was asked last."""
-        known, self._known = self._known, self._stamp()
-        return known != self._known
-
-    def _stamp(self) -> tuple[int, int]:
-        try:
-            status = self._path.stat()
-        except OSError:
-            return 0, 0
-        return status.st_mtime_ns, status.st_ino
 
 
 class Demo:
@@ -154,11 +133,6 @@ class Demo:
         for spec in self.cameras:
             self.launcher.start(spec)
         self.launcher.wait_ready(timeout, stopping)
-
-    def start_again(self) -> None:
-        """Let the processes that read cameras and access points of the site file at their start do so anew."""
-        readers = ("camera-", "fusion", "learning", "api", "simulator")
-        self.launcher.start_again([name for name in self.launcher.processes() if name.startswith(readers)])
 
     def get(self, path: str) -> dict[str, Any]:
         """Return what the API says, decoded."""

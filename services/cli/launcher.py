@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -119,24 +119,6 @@ class Launcher:
                 self._write(process, f"ended with status {status}; starting again in {pause:g} s")
             elif time.monotonic() >= process.restart_at:
                 self._spawn(process)
-
-    def start_again(self, names: Iterable[str]) -> None:
-        """Stop some processes and start them anew, because what they read at their start has changed."""
-        chosen = [self._processes[name] for name in names]
-        for process in chosen:
-            if process.popen is not None and process.popen.poll() is None:
-                process.popen.send_signal(signal.SIGTERM)
-        deadline = time.monotonic() + STOP_WITHIN
-        for process in chosen:
-            if process.popen is None:
-                continue
-            try:
-                process.popen.wait(max(0.1, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                process.popen.kill()
-                process.popen.wait()
-            self._write(process, "started again: the site was set up anew")
-            self._spawn(process)
 
     def processes(self) -> dict[str, int]:
         """Return the process ids."""

@@ -21,7 +21,7 @@ from rich.markup import escape
 from services.cli import calibrate_lens as lens_command
 from services.cli import history, models, staff
 from services.cli import replay as player
-from services.cli.demo import API_KEY, Demo, Ports, SetupWatch, find_site
+from services.cli.demo import API_KEY, Demo, Ports, find_site
 from services.cli.launcher import LauncherError
 from services.cli.recorder import record as record_bus
 from services.cli.recording import Recording, RecordingError, check_writable
@@ -337,13 +337,10 @@ def _introduce(running: Demo, dashboard: bool) -> None:
 def _watch(running: Demo, stopping: threading.Event, seconds: float | None) -> None:
     """Keep the processes running and say now and then how it goes."""
     end = None if seconds is None else time.monotonic() + seconds
-    setup = SetupWatch(running.site_file)
     next_word = time.monotonic() + 5.0
     with console.status("waiting for the first tracks …") as line:
         while not stopping.wait(0.2) and (end is None or time.monotonic() < end):
             running.launcher.keep_running()
-            if setup.changed():
-                running.start_again()
             if time.monotonic() < next_word:
                 continue
             next_word = time.monotonic() + 2.0

@@ -39,6 +39,7 @@ class LiveState:
         self._posts: dict[str, bytes] = {}
         self._cameras: dict[str, Any] = {}
         self._alerts: dict[str, Any] = {}
+        self._site: dict[str, Any] | None = None
         self.connection(False, "The dashboard has just started and is looking for the API.", 0.0)
 
     def everything(self) -> bytes:
@@ -58,6 +59,11 @@ class LiveState:
         """Take the API's answer to ``GET /v1/{what}`` for what = site, zones, cameras or alerts (newest first)."""
         document = msgspec.json.decode(body)
         if what == "site":
+            # Its zones are told by themselves: who draws them asks nobody to draw the whole map anew.
+            drawn = {name: document[name] for name in document if name != "zones"}
+            if drawn == self._site:
+                return []
+            self._site = drawn
             return [self._set(what, document)]
         rows = document[what]
         if what == "cameras":

@@ -58,6 +58,8 @@ class Relay:
         self._told = told
         self._state = LiveState()
         self._browsers: set[Mailbox] = set()
+        self._site_tag = ""
+        """Of the site that the browsers were told."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopped = False
 
@@ -151,19 +153,25 @@ class Relay:
                     log.debug("event not understood", name=event.name, error=str(error))
 
     async def _poll(self, client: httpx.AsyncClient) -> None:
-        """Ask again and again for what the stream does not tell: who is in which zone, how the cameras are."""
+        """Ask again and again for what the stream does not tell: zones, how and where cameras are."""
         while True:
             await asyncio.sleep(POLL_EVERY)
             try:
                 await self._ask(client, "zones")
                 await self._ask(client, "cameras")
+                await self._ask(client, "site")
             except (httpx.HTTPError, _ApiError, msgspec.MsgspecError, KeyError, TypeError) as error:
                 # If the API is gone, the stream tells; one missed answer is no news.
                 log.debug("no answer", error=str(error))
 
     async def _ask(self, client: httpx.AsyncClient, what: str) -> None:
-        response = await client.get(f"{self._url}/v1/{what}", timeout=10.0)
+        known = {"If-None-Match": self._site_tag} if what == "site" and self._site_tag else {}
+        response = await client.get(f"{self._url}/v1/{what}", timeout=10.0, headers=known)
+        if known and response.status_code == 304:
+            return
         _check(response)
+        if what == "site":
+            self._site_tag = response.headers.get("ETag", "")
         self._tell(self._state.answer(what, response.content))
 
     def _tell(self, posts: list[Post]) -> None:

@@ -32,7 +32,7 @@ EXPLANATIONS: dict[str, Explanation] = {
     "detection off the floor or without an extent": Explanation(
         60,
         "cameras see people outside the floor plan, or a detector reports covariances that are lines or nonsense",
-        "check the camera's calibration and the floor's outline (atrium site FILE draws both), or leave mirrors, "
+        "check the camera's calibration and the floor's outline (the dashboard's page Cameras), or leave mirrors, "
         "screens and the street out of its area_of_interest; with a detector of your own, check its covariances",
     ),
     "frame of an unknown camera or floor": Explanation(

@@ -40,7 +40,8 @@ from shared.messages import (
 from shared.radio import RadioModelError
 from shared.runner import Health, Service
 from shared.settings import SettingsError
-from shared.site import Site
+from shared.setup_told import FollowedSite, SetupTold
+from shared.site import AccessPoint, Camera, Site
 from shared.state_file import StateFile
 
 __all__ = ["FusionService"]
@@ -114,6 +115,7 @@ class FusionService(Service[FusionSettings]):
             what="the tracker's state",
             loss="everybody would be numbered and named anew",
         )
+        self._followed = FollowedSite(settings.site_file, site, health)
         self._inbox = bus.inbox()
 
     @classmethod
@@ -159,6 +161,7 @@ class FusionService(Service[FusionSettings]):
         # Cached: whoever withdrew consent while this process was down is in the state it restored.
         self._inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
         self._inbox.subscribe(self.keys.radio_model(self.area), RadioModelUpdate, cached=True)
+        self._inbox.subscribe(self.keys.setup(), SetupTold, cached=True)
         if not self._cameras:
             self.health.degraded("cameras", f"area {self.area} has no camera: nobody is tracked or located there")
         self.health.ready.set()
@@ -203,6 +206,13 @@ class FusionService(Service[FusionSettings]):
             self._erase(message, trace)
         elif isinstance(message, RadioModelUpdate):
             self._consider(message, trace)
+        elif isinstance(message, SetupTold) and self._followed.take(message):
+            self._look_at(self._followed.site)
+
+    def _look_at(self, site: Site) -> None:
+        """Begin anew where cameras or access points of this area are set up otherwise than those it runs with."""
+        if _watched_by(site, self.area) != _watched_by(self.site, self.area):
+            self.begin_anew(site)
 
     def _consider(self, update: RadioModelUpdate, trace: Trace) -> None:
         """Let a radio model go live with the next chunk, or say why it does not."""
@@ -325,6 +335,11 @@ def _view_of(settings: FusionSettings, site: Site, area: str) -> AreaView:
         return trained_view(site, area, settings.radio_model)
     except RadioModelError as error:
         raise SettingsError(f"radio_model: {error}; set by --radio-model or ATRIUM_RADIO_MODEL") from error
+
+
+def _watched_by(site: Site, area: str) -> tuple[list[Camera], list[AccessPoint]]:
+    floor = site.area(area).floor
+    return site.cameras_of(area), [point for point in site.access_points if point.floor == floor]
 
 
 def _lost_on_the_bus() -> Count[str]:

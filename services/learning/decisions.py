@@ -58,6 +58,8 @@ class Decisions:
         self._pace = pace
         self._sensor_time = sensor_time
         self._activate = activate
+        self._outlived: list[StoredModel] = []
+        """Live models of calibrations that their cameras have no more."""
         self._to_publish: list[StoredModel] = []
         """Phones' models that were live before the start."""
         self._untold: dict[Key, str] = {}
@@ -76,6 +78,9 @@ class Decisions:
         Phones' models wait for ``publish_phones``.
         """
         for model in self._store.all_active():
+            if self._store.outlived(model.model):
+                self._outlived.append(model)
+                continue
             if why := self._store.problem(model.model):
                 self._told(model, why)  # learners go on as if nothing were live: nobody uses it
                 continue
@@ -86,6 +91,17 @@ class Decisions:
             back = said.decision == "rolled back"
             pause = self._pace.after_roll_back if back else self._pace.after_refusal
             self._trials.wait((said.kind, said.subject), said.t + pause)
+
+    def retire(self, now: float) -> None:
+        """Take back corrections of cameras that were calibrated anew: what was learned is not true of what is now."""
+        while self._outlived:
+            model = self._outlived[-1]
+            if self._store.live_version(model.kind, model.subject) == model.version:
+                reason = f"camera {model.subject} was calibrated anew; this was learned for the calibration before"
+                how = Decided(t=now, since=self._sensor_time(model.area, now), reason=reason, by="learning")
+                log.info("a model is taken back", kind=model.kind, subject=model.subject, reason=reason)
+                self._go_live(self._store.roll_back(model.kind, model.subject, how))
+            self._outlived.pop()  # only now: a database that is away is asked again
 
     def publish_phones(self) -> None:
         """Publish phones' models of before the start that are still live: it is known by now who withdrew meanwhile."""

@@ -22,6 +22,7 @@ from services.learning.walking.clock_lessons import ClockLessons
 from services.learning.walking.heading_lessons import HeadingLessons
 from services.learning.walking.stride_lessons import StrideLessons
 from shared.site import Site
+from shared.site.geometry_digest import geometry_digest
 
 __all__ = ["Tools", "areas_of", "lessons_of"]
 
@@ -66,11 +67,12 @@ def _lessons_of_area(site: Site, area: str, tools: Tools) -> list[Lesson]:
     names = [camera.id for camera in cameras]
     walkable = site.floor(site.area(area).floor).plan().walkable
     hangs = {camera.id: np.asarray(camera.geometry.build().position) for camera in cameras}
+    calibrations = {camera.id: geometry_digest(camera.geometry) for camera in cameras}
     asked = tools.redetect, tools.rescore, tools.executor, tools.wait
     return [
         _lesson(f"radio/{area}", here, lambda: RadioLessons(site, area)),
         _lesson(f"detector/{area}", here, lambda: DetectorLessons(area, names, *asked)),
-        _lesson(f"alignment/{area}", here, lambda: AlignmentLessons(area, walkable, hangs)),
+        _lesson(f"alignment/{area}", here, lambda: AlignmentLessons(area, walkable, hangs, calibrations)),
         _lesson(f"clocks/{area}", here, lambda: ClockLessons(area, names)),
         _lesson(f"maps/{area}", here, lambda: MapsLearner(site, area)),
     ]

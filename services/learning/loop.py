@@ -178,6 +178,7 @@ class LearningLoop:
         self.lessons.teach()
         self._forget_stored()  # before all else that the database is needed for
         self._let_go_of_absent(now)
+        self.decisions.retire(now)
         self.lessons.inform(self.store.all_active)
         self.decisions.publish_phones()
         self._finish(now)

@@ -41,6 +41,7 @@ from shared.messages import (
 )
 from shared.runner import Health, Service, ServiceError
 from shared.settings import SettingsError
+from shared.setup_told import FollowedSite, SetupTold
 from shared.site import Site
 
 __all__ = ["LearningService"]
@@ -98,6 +99,7 @@ class LearningService(Service[LearningSettings]):
         self._failed: set[str] = set()
         """Lessons whose failure the health page tells."""
         self._began = time.monotonic()
+        self._followed = FollowedSite(settings.site_file, site, health)
         self._inbox = bus.inbox(capacity=20_000)
 
     @classmethod
@@ -122,6 +124,7 @@ class LearningService(Service[LearningSettings]):
         self._inbox.subscribe(self.keys.detections(), DetectionFrame, newest=True, depth=64)
         self._inbox.subscribe(self.keys.radio(), RadioScan)
         self._inbox.subscribe(self.keys.motion(), MotionBatch)
+        self._inbox.subscribe(self.keys.setup(), SetupTold, cached=True)
         self.bus.answer_questions(self.keys.learning_report(), lambda question: self._ask(question, order=False))
         self.bus.answer_questions(self.keys.learning_command(), lambda question: self._ask(question, order=True))
         self.health.ready.set()
@@ -151,6 +154,10 @@ class LearningService(Service[LearningSettings]):
             raise ServiceError(unreachable(self._engine, error)) from error
 
     def _take(self, message: Message) -> None:
+        if isinstance(message, SetupTold):
+            if self._followed.take(message):
+                self.begin_anew(self._followed.site)
+            return
         if isinstance(message, Erasure):
             self._retract(message.device)  # first: whether or not the database is there
             self._erasing.add(message.device)

@@ -22,8 +22,9 @@ from services.simulator.radio.radio_changes import far_away, unknown_names
 from services.simulator.scenario_file import FileView, RecordedPeople, Scenario
 from services.simulator.world import cameras_of, carriers_of, people_of
 from shared.part_file import PartFileError, read_part_file
-from shared.site import Camera, Site, SiteError, load_site
+from shared.site import Camera, Site, SiteError
 from shared.site.camera_geometry import GeometryError
+from shared.site.site_loading import file_alone
 
 __all__ = ["ScenarioError", "load_scenario", "scenario_digest", "seen_floor", "watched"]
 
@@ -53,7 +54,8 @@ def load_scenario(path: str | Path, site_file: Path | None = None) -> tuple[Scen
     path = Path(path)
     try:
         scenario = read_part_file(path, Scenario)
-        site = load_site(site_file or scenario.site)
+        # The world is as the site file says; what is set up in the browser is what Atrium takes it to be.
+        site = file_alone(Path(site_file or scenario.site))
     except (PartFileError, SiteError) as error:
         raise ScenarioError(str(error)) from error
     problems = list(_cross_check(scenario, site))

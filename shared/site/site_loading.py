@@ -13,10 +13,10 @@ import numpy as np
 
 from shared.part_file import PartFileError, read_part_file
 from shared.site.camera_geometry import GeometryError
-from shared.site.setup_file import apply_setup, read_setup, setup_path
+from shared.site.setup_file import SetUp, apply_setup, read_setup, setup_path
 from shared.site.site_file import Site
 
-__all__ = ["SiteError", "load_site", "site_problems"]
+__all__ = ["SiteError", "file_alone", "laid_over", "load_site", "site_problems"]
 
 
 class SiteError(ValueError):
@@ -30,18 +30,41 @@ def load_site(path: str | Path) -> Site:
         SiteError: a file is missing, is not YAML, or anything in it is wrong; all mistakes are named at once.
     """
     path = Path(path)
+    site = file_alone(path)
     try:
-        site = read_part_file(path, Site)
         setup = read_setup(path)
     except PartFileError as error:
         raise SiteError(str(error)) from error
-    problems = [f"{path}: {problem}" for problem in site_problems(site)]
-    if setup is not None and not problems:
-        over = setup_path(path)
-        site = apply_setup(site, setup, lambda problem: problems.append(f"{over}: {problem}"))
-        problems += [f"{over}: {problem}" for problem in site_problems(site)]
-    if problems:
-        raise SiteError("\n".join(problems))
+    return site if setup is None else laid_over(site, setup, path)
+
+
+def file_alone(path: Path) -> Site:
+    """Read and check a site file, whatever was set up in the browser.
+
+    Raises:
+        SiteError: as for ``load_site``.
+    """
+    try:
+        site = read_part_file(path, Site)
+    except PartFileError as error:
+        raise SiteError(str(error)) from error
+    return _checked(site, path, [])
+
+
+def laid_over(site: Site, setup: SetUp, path: Path) -> Site:
+    """Return the site of the file ``path`` with what was set up, checked whole.
+
+    Raises:
+        SiteError: the set-up does not fit the site.
+    """
+    over, problems = setup_path(path), list[str]()
+    return _checked(apply_setup(site, setup, problems.append), over, problems)
+
+
+def _checked(site: Site, path: Path, problems: list[str]) -> Site:
+    told = [f"{path}: {problem}" for problem in (*problems, *site_problems(site))]
+    if told:
+        raise SiteError("\n".join(told))
     return site
 
 

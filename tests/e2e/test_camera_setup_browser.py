@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import httpx
 import numpy as np
 import pytest
@@ -24,14 +23,17 @@ from selenium.webdriver.remote.webdriver import WebDriver
 from service_process import process
 from waiting import wait_until
 
-from shared.bus import router
+from shared.bus import Bus, router
+from shared.keys import Keys as BusKeys
+from shared.messages import CameraStatus
 from shared.site import load_site
 from shared.site.setup_file import setup_path
 
 pytestmark = pytest.mark.alone
 
 FRAME = 143
-"""Of the clip, counted from 1: eight people stand all over it."""
+"""Of the clip, counted from 1: eight people stand all over it. A click counts where it is, whatever is shown there."""
+RATE = 7.0
 SIZE = (480, 360)
 LABELLED = (768, 576)
 
@@ -42,6 +44,7 @@ class System:
     site_file: Path
     folder: Path
     api: str
+    bus: Bus
 
 
 @dataclass
@@ -66,17 +69,11 @@ def feet(data_folder: Path) -> Feet:
 @pytest.fixture(scope="module")
 def system(project: Path, data_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
     folder = tmp_path_factory.mktemp("setup")
-    pictures = folder / "pictures"
-    pictures.mkdir()
-    clip = cv2.VideoCapture(str(data_folder / "pets09-s2l1" / "video_480x360.avi"))
-    for _ in range(FRAME):
-        good, picture = clip.read()
-        assert good
-    assert cv2.imwrite(str(pictures / "1.png"), picture)
     # A newcomer's site: the camera hangs somewhere over there and looks about that way.
     site = yaml.safe_load((project / "deploy/sites/pets09/site.yaml").read_text(encoding="utf-8"))
     (camera,) = site["cameras"]
-    camera["source"] = {"folder": str(pictures), "frames_per_s": 5}
+    clip = data_folder / "pets09-s2l1" / "video_480x360.avi"
+    camera["source"] = {"file": str(clip), "frames_per_s": RATE, "loop": True}
     camera["geometry"] = {
         "kind": "pose",
         "image_size": list(SIZE),
@@ -101,6 +98,7 @@ def system(project: Path, data_folder: Path, tmp_path_factory: pytest.TempPathFa
     }
     with (
         process("services.camera", folder, endpoint, site_file, ATRIUM_CAMERA="view1", ATRIUM_ALLOW_STILLS="true"),
+        process("services.fusion", folder, endpoint, site_file, ATRIUM_STATE_FOLDER=str(folder)),
         process("services.api", folder, endpoint, site_file, ATRIUM_API_PORT=str(api)),
         (folder / "dashboard.log").open("ab") as log,
     ):
@@ -108,7 +106,8 @@ def system(project: Path, data_folder: Path, tmp_path_factory: pytest.TempPathFa
         dashboard = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
         try:
             wait_until(lambda: _answers(f"http://127.0.0.1:{port}"), 40, "the dashboard")
-            yield System(f"http://127.0.0.1:{port}", site_file, folder, f"http://127.0.0.1:{api}")
+            with Bus([endpoint]) as bus:
+                yield System(f"http://127.0.0.1:{port}", site_file, folder, f"http://127.0.0.1:{api}", bus)
         finally:
             dashboard.terminate()
             dashboard.wait(10)
@@ -166,9 +165,10 @@ def test_clicks_on_a_real_frame_calibrate_the_camera_within_ten_centimetres(
     _move_cross(canvas, x - size["width"] / 2, y - size["height"] / 2)
     wait_until(lambda: "4 corners" in browser.find_element(By.ID, "setup-interest").text, 10, "the fourth corner")
     browser.find_element(By.ID, "setup-save").click()
-    _says(browser, "Saved. In use once these are started again: camera view1, fusion of crossing")
+    _says(browser, "Saved: camera view1, fusion of crossing and learning take it up within seconds")
+    _says(browser, "The camera uses it now")
 
-    # What every process will read at its next start.
+    # What every process reads at its next start.
     saved = load_site(system.site_file).camera("view1")
     camera = saved.geometry.build()
     off = np.linalg.norm(camera.to_ground(feet.pixels) - feet.plan, axis=1)
@@ -179,13 +179,43 @@ def test_clicks_on_a_real_frame_calibrate_the_camera_within_ten_centimetres(
     assert np.allclose(saved.area_of_interest, corners, atol=2.0)
     assert "by: demo" in setup_path(system.site_file).read_text(encoding="utf-8")
     browser.refresh()
-    _says(browser, "in use once its processes are started again")
+    _says(browser, "by demo. Take a picture")
     assert len(browser.find_elements(By.CSS_SELECTOR, "#setup-pairs tr")) == count - 1
     severe = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]  # type: ignore[attr-defined]
     assert severe == []
     log = (system.folder / "services.api.log").read_text(encoding="utf-8")
     assert "camera still" in log
     assert "save calibration" in log
+
+
+def test_positions_become_right_without_any_start(system: System, feet: Feet) -> None:
+    """The calibration saved above goes on to fusion and the API; fails if any of camera, fusion and API holds on."""
+    inbox = system.bus.inbox()
+    inbox.subscribe(BusKeys(load_site(system.site_file).site).camera_status("view1"), CameraStatus, cached=True)
+    origin: list[float] = []
+
+    def off() -> list[float]:
+        """Metres from each track of the API to whoever stands nearest to it in the frame it was seen in."""
+        for delivery in inbox.receive(0.2):
+            assert isinstance(delivery.message, CameraStatus)
+            origin[:] = [] if delivery.message.origin is None else [delivery.message.origin]
+        told = httpx.get(f"{system.api}/v1/tracks", headers={"X-API-Key": "demo-api-key"}, timeout=10).json()
+        distances = []
+        for track in told["tracks"]:
+            there = feet.plan[feet.frame == round((track["t"] - origin[0]) * RATE) + 1] if origin else feet.plan[:0]
+            distances += [float(np.linalg.norm(there - [track["x"], track["y"]], axis=1).min())] if len(there) else []
+        return distances
+
+    seen: list[float] = []
+
+    def right() -> bool:
+        seen[:] = (seen + off())[-60:]
+        return len(seen) == 60 and float(np.median(seen)) < 0.4
+
+    wait_until(right, 60, f"tracks where people stand: {seen}")
+    site = httpx.get(f"{system.api}/v1/site", headers={"X-API-Key": "demo-api-key"}, timeout=10).json()
+    hangs = load_site(system.site_file).camera("view1").geometry.build().position
+    assert np.allclose(site["cameras"][0]["position"], hangs, atol=0.01)
 
 
 def test_four_corners_of_a_known_rectangle_are_enough_and_nonsense_is_told_in_words(
@@ -228,7 +258,7 @@ def test_an_access_point_is_dragged_where_it_hangs(system: System, browser: WebD
     actions.click_and_hold().move_by_offset(round(end[0] - start[0]), round(end[1] - start[1])).release().perform()
     _type(browser, "ap-5, z", 3.4)
     browser.find_element(By.ID, "points-save").click()
-    _says(browser, "Saved.", "points-say")
+    _says(browser, "Saved, and in use", "points-say")
     (point,) = [point for point in load_site(system.site_file).access_points if point.id == "ap-5"]
     assert point.position is not None
     assert point.position == pytest.approx((-2, 4, 3.4), abs=0.1)

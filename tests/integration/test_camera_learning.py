@@ -21,6 +21,8 @@ from waiting import wait_until
 from shared.bus import Bus
 from shared.keys import Keys
 from shared.messages import CameraAlignment, CameraStatus, DetectionFrame, DetectorSettings
+from shared.site import load_site
+from shared.site.geometry_digest import geometry_digest
 
 KEYS = Keys("test")
 RATE = 10.0
@@ -73,6 +75,7 @@ class Running:
         }
         file = folder / "site.yaml"
         file.write_text(yaml.safe_dump(site))
+        self.calibration = geometry_digest(load_site(file).camera("door").geometry)
         self.bus = Bus([endpoint])
         self.inbox = self.bus.inbox()
         self.frames: list[DetectionFrame] = []
@@ -104,7 +107,13 @@ class Running:
         self.settings.publish(DetectorSettings(t=time.time(), camera="door", version=version, options=options))
 
     def align(self, version: int, *homography: float) -> None:
-        wanted = CameraAlignment(t=time.time(), camera="door", version=version, homography=homography)  # type: ignore[arg-type]
+        wanted = CameraAlignment(
+            t=time.time(),
+            camera="door",
+            version=version,
+            homography=homography,  # type: ignore[arg-type]
+            geometry=self.calibration,
+        )
         self.alignment.publish(wanted)
 
     def problems(self) -> dict[str, str]:

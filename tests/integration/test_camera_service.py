@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 import yaml
@@ -21,6 +22,10 @@ from waiting import wait_until
 from shared.bus import Bus
 from shared.keys import Keys
 from shared.messages import CameraAlignment, CameraStatus, DetectionFrame
+from shared.setup_told import SetupTold
+from shared.site import load_site
+from shared.site.geometry_digest import geometry_digest
+from shared.site.setup_file import SetUp
 
 KEYS = Keys("test")
 COUNT = 40
@@ -114,6 +119,9 @@ class Watcher:
         self.until(lambda: self.statuses and self.statuses[-1].state == state, f"state {state}")
         return self.statuses[-1]
 
+    def problems(self) -> dict[str, str]:
+        return dict(json.loads(self.get("/healthz"))["problems"])
+
     def get(self, path: str) -> str:
         with urllib.request.urlopen(f"http://127.0.0.1:{self.health_port}{path}", timeout=5.0) as answer:
             return str(answer.read().decode())
@@ -195,16 +203,37 @@ def test_a_learned_correction_is_applied_also_after_a_restart_and_can_be_taken_b
     shift = (1.0, 0.0, 0.0, 0.0, 1.0, 9.5, 0.0, 0.0, 1.0)  # people walk 8 to 12 m before the camera
     unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     publisher = watcher.bus.publisher(KEYS.alignment("door"), CameraAlignment, cached=True)
-    publisher.publish(CameraAlignment(t=1.0, camera="door", version=1, homography=shift))
+    site = site_file(file=str(video), loop=True)
+    filed = geometry_digest(load_site(site).camera("door").geometry)
+    learned = CameraAlignment(t=1.0, camera="door", version=1, homography=shift, geometry=filed)
+    publisher.publish(learned)
     watcher.listen()
-    watcher.start(site_file(file=str(video), loop=True), "--wait-for-subscriber")
+    watcher.start(site, "--wait-for-subscriber")
     watcher.until(lambda: any(y > 15.0 for frame in watcher.frames for y in frame.y), "people moved by 9.5 m")
     publisher.publish(CameraAlignment(t=2.0, camera="door", version=2, homography=unit))
     watcher.until(lambda: any(y < 15.0 for frame in watcher.frames[-10:] for y in frame.y), "people where they were")
-    publisher.publish(CameraAlignment(t=1.0, camera="door", version=1, homography=shift))  # older: no news
+    publisher.publish(learned)  # older: no news
     seen = len(watcher.frames)
     watcher.until(lambda: sum(bool(frame.x) for frame in watcher.frames[seen:]) > 5, "more people")
     assert all(y < 15.0 for frame in watcher.frames[seen:] for y in frame.y)
+
+    # Corrected once more, then calibrated anew: the correction was one of the calibration before.
+    publisher.publish(msgspec.structs.replace(learned, t=3.0, version=3))
+    watcher.until(lambda: any(y > 15.0 for frame in watcher.frames[-10:] for y in frame.y), "people moved again")
+    corners = np.array([[60, 460], [590, 440], [320, 300], [150, 250], [500, 240]], float)
+    places = load_site(site).camera("door").geometry.build().to_ground(corners) - [0.0, 4.0]
+    points = {"kind": "points", "image_size": [640, 480], "image": corners.tolist(), "plan": places.tolist()}
+    setup = SetUp.model_validate({"site": "test", "version": 1, "cameras": {"door": {"geometry": points}}})
+    told = SetupTold(t=4.0, version=1, setup=setup.model_dump_json())
+    watcher.bus.publisher(KEYS.setup(), SetupTold, cached=True).publish(told)
+    calibrated = geometry_digest(setup.cameras["door"].geometry or pytest.fail("no geometry"))
+    watcher.until(lambda: watcher.statuses[-1].geometry == calibrated, "the calibration in use")
+    seen = len(watcher.frames)
+    watcher.until(lambda: sum(bool(frame.x) for frame in watcher.frames[seen:]) > 5, "people as calibrated now")
+    assert all(3.0 < y < 9.0 for frame in watcher.frames[seen:] for y in frame.y), "4 m nearer, and not 9.5 m off"
+    publisher.publish(msgspec.structs.replace(learned, t=5.0, version=4))
+    watcher.until(lambda: "another calibration" in watcher.problems().get("alignment", ""), "a correction left out")
+    assert all(y < 9.0 for frame in watcher.frames[seen:] for y in frame.y)
 
 
 def test_an_unreachable_stream_is_degraded_until_it_comes_and_again_when_it_dies(
@@ -213,7 +242,7 @@ def test_an_unreachable_stream_is_degraded_until_it_comes_and_again_when_it_dies
     watcher.listen()
     process = watcher.start(site_file(url=f"http://viewer:topsecret@127.0.0.1:{free_port}/stream.mjpeg"))
     bad = watcher.until_state("degraded")
-    assert "cannot be reached" in bad.reason
+    assert f"nobody listens on port {free_port}" in bad.reason
     assert "source" in json.loads(watcher.get("/healthz"))["problems"]
     server = MjpegServer(free_port, lambda number: picture(0))
     first = watcher.until_state("ok")

@@ -12,10 +12,8 @@ from health_page import get
 from typer.testing import CliRunner
 from waiting import wait_until
 
-from services.cli.demo import SetupWatch
 from services.cli.launcher import Launcher, LauncherError, ProcessSpec
 from services.cli.main import app
-from shared.site.setup_change import change_setup
 
 SCRIPT = """
 import sys, threading
@@ -95,29 +93,3 @@ def test_a_site_file_with_a_mistake_ends_with_status_2_and_its_name(tmp_path: Pa
     result = CliRunner().invoke(app, ["site", str(path)], env={"COLUMNS": "500"})
     assert result.exit_code == 2
     assert "site.yaml: floors" in result.output.replace("\n", "")  # a narrow terminal breaks the line anywhere
-
-
-def test_a_site_set_up_anew_is_noticed_and_its_readers_start_again(project: Path, tmp_path: Path) -> None:
-    site = project / "deploy" / "sites" / "hall" / "site.yaml"
-    mine = tmp_path / "site.yaml"
-    mine.write_text(site.read_text(encoding="utf-8"), encoding="utf-8")
-    watch = SetupWatch(mine)
-    assert not watch.changed()
-    change_setup(mine, lambda setup: setup)
-    assert watch.changed()
-    assert not watch.changed()
-    change_setup(mine, lambda setup: setup)
-    assert watch.changed()
-    launcher = Launcher({"ATRIUM_SITE_FILE": str(mine), "ATRIUM_PROFILE": "demo", "ATRIUM_BUS": '["tcp/127.0.0.1:1"]'})
-    for name in ("fusion", "geofence"):
-        launcher.start(ProcessSpec(name, "services.geofence", unused_port()))
-    try:
-        before = launcher.processes()
-        launcher.start_again(["fusion"])
-        after = launcher.processes()
-        assert after["fusion"] != before["fusion"]
-        assert after["geofence"] == before["geofence"]
-        assert not alive(before["fusion"])
-        assert launcher.restarts == {"fusion": 0, "geofence": 0}, "nobody failed"
-    finally:
-        launcher.stop()

@@ -190,3 +190,16 @@ def test_a_malformed_router_endpoint_is_named_and_exit_status_one(start: Start) 
     _, log = process.communicate(timeout=20)
     assert process.returncode == 1
     assert "cannot open a session to nonsense" in log
+
+
+def test_a_service_begins_anew_in_its_process_with_another_site(start: Start, zenoh_router: str) -> None:
+    process, port = start(zenoh_router, "--behaviour", "anew")
+    wait_for(port, "/readyz", 200)
+    told_now = {"second": "site set up anew"}  # what the first life complained of is forgotten
+    wait_until(lambda: json.loads(get(port, "/healthz")[1])["problems"] == told_now, 10, "the second life")
+    with Bus([zenoh_router]) as bus:
+        keys = Keys("hall")
+        wait_until(lambda: bus.present(keys.alive("tiny")) == [keys.alive("tiny", "0")], 10, "one token")
+        ((_, told),) = bus.ask(keys.health("tiny"))
+        assert json.loads(told) == told_now
+    assert stop(process)[0] == 0

@@ -10,7 +10,7 @@ from shared.site import Site
 
 
 class TinySettings(ServiceSettings):
-    behaviour: Literal["good", "hang", "fail", "crash", "refuse", "ill"] = "good"
+    behaviour: Literal["good", "hang", "fail", "crash", "refuse", "ill", "anew"] = "good"
 
 
 class Tiny(Service[TinySettings]):
@@ -28,6 +28,12 @@ class Tiny(Service[TinySettings]):
             raise ServiceError("the camera fell off the wall")
         if behaviour == "crash":
             raise ZeroDivisionError("by accident")
+        if behaviour == "anew":
+            if self.site.name != "set up anew":
+                self.health.degraded("first", "of the first life")
+                self.begin_anew(self.site.model_copy(update={"name": "set up anew"}))
+                return
+            self.health.degraded("second", f"site {self.site.name}")
         if behaviour == "ill":
             self.health.degraded("camera", "the stream is silent")
         self.health.ready.set()

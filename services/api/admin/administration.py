@@ -110,6 +110,11 @@ class Administration:
             migrate(url)
         return cls(settings, site, open_admin(url), live, published, pseudonyms or Pseudonyms(), erased)
 
+    def set_up(self, site: Site) -> None:
+        """Let the map show cameras and access points as set up now; called in the thread that owns ``live``."""
+        self._view = site_view(site, [])
+        self.redraw()
+
     def redraw(self) -> None:
         """Let the map and the counts follow the zones; called in the thread that owns ``live``."""
         self._drawn = self.zones.version

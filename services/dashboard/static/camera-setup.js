@@ -6,6 +6,7 @@ import { appeared, ask, button, metres, numberInput, shownNumber } from "./setup
 import { known, paintPicture, paintPlaces, UNIT } from "./setup-painting.js";
 
 const TRY_AFTER_MS = 250;
+const USED_WITHIN_S = 20;
 
 const page = await appeared([
   "setup-camera", "setup-still", "setup-file", "setup-mode", "setup-image", "setup-plan", "setup-say", "setup-told",
@@ -20,6 +21,7 @@ const image = new Picker(page["setup-image"], {
   paint: (context, view) => paintPicture(context, view, image, state, mode() === "interest"),
   points: () => (mode() === "interest" ? state.interest : state.pairs.map((pair) => (known(pair.pixel) ? pair.pixel : null))),
   placed: (pixel) => placed("pixel", pixel),
+  waits: () => mode() === "pairs" && state.pairs.some((pair) => !known(pair.pixel)),
   moved: (index, pixel) => moved(index, "pixel", pixel),
   told: ([u, v]) => say(`Pixel ${u.toFixed(1)}, ${v.toFixed(1)}`),
 });
@@ -29,6 +31,7 @@ const plan = new Picker(page["setup-plan"], {
   paint: (context, view) => paintPlaces(context, view, state),
   points: () => state.pairs.map((pair) => (known(pair.place) ? pair.place : null)),
   placed: (place) => placed("place", place),
+  waits: () => state.pairs.some((pair) => !known(pair.place)),
   moved: (index, place) => moved(index, "place", place),
   told: ([x, y]) => say(`Plan ${x.toFixed(2)}, ${y.toFixed(2)} m`),
 });
@@ -247,7 +250,7 @@ async function choose(camera) {
     page["setup-lens"].closest("label").hidden = !told.lens;
     plan.show(bounds(state.floor.outline));
     const by = told.saved === null ? "as the site file says" : `saved ${new Date(1000 * told.saved).toLocaleString()} by ${told.by}`;
-    say(`${camera}: ${by}${told.pending ? "; in use once its processes are started again" : ""}. Take a picture to begin.`);
+    say(`${camera}: ${by}${told.pending ? "; the camera does not use it yet" : ""}. Take a picture to begin.`);
     changed();
   } catch (reason) {
     say(reason.message, true);
@@ -263,9 +266,22 @@ async function save() {
     const order = { image_size: state.size, pairs, area_of_interest: state.interest.length ? state.interest : null, use_lens: state.lens };
     const told = await (await ask(`cameras/${state.camera}/calibration`, order)).json();
     say(told.words);
+    await follow(state.camera, told.words);
   } catch (reason) {
     say(reason.message, true);
   }
+}
+
+// Whether the camera uses what was saved, for as long as somebody waits for it.
+async function follow(camera, words) {
+  for (let second = 0; second < USED_WITHIN_S; second += 1) {
+    await new Promise((after) => setTimeout(after, 1000));
+    if (state.camera !== camera || page["setup-say"].textContent !== words) return;
+    if (!(await (await ask(`cameras/${camera}/calibration`)).json()).pending) {
+      return say(`${words} The camera uses it now: walk through the picture, and you are a dot on the live map.`);
+    }
+  }
+  say(`${words} The camera does not use it yet: the health page says how it is doing.`, true);
 }
 
 for (const [name, act] of [["setup-still", take], ["setup-save", save]]) page[name].addEventListener("click", act);

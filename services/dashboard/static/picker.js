@@ -18,7 +18,8 @@ export class Picker {
   #dirty = true;
   #bounds = null;
 
-  // what: {to, from, paint(context, view), points() -> [place], placed(place), moved(index, place), told(place)}
+  // what: {to, from, paint(context, view), points() -> [place], placed(place), moved(index, place), told(place),
+  // waits() -> whether the next click is a new place, however near to another}
   constructor(canvas, what) {
     this.canvas = canvas;
     this.what = what;
@@ -119,8 +120,8 @@ export class Picker {
       const pointer = this.#pointers.get(event.pointerId);
       this.#pointers.delete(event.pointerId);
       if (pointer === undefined) return;
-      // A click beside a point sets no second one: that is how one is missed by a hair.
-      if (!this.#wandered && this.#grabbed === null) this.what.placed(this.placeAt(event.offsetX, event.offsetY));
+      // A click beside a point sets no second one, for that is how one is missed by a hair, unless one is waited for.
+      if (!this.#wandered && (this.#grabbed === null || this.what.waits?.())) this.what.placed(this.placeAt(event.offsetX, event.offsetY));
       else if (!this.#wandered) this.what.told?.(this.what.points()[this.#grabbed]);
       this.#grabbed = null;
       this.redraw();

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from services.learning.activation.kinds import kind_of, subject_of
-from shared.camera_limits import alignment_problem, options_problem
+from shared.camera_limits import alignment_problem, calibration_problem, options_problem
 from shared.keys import is_identifier
 from shared.messages import (
     CameraAlignment,
@@ -17,8 +17,9 @@ from shared.messages import (
     RadioModelUpdate,
     StrideModel,
 )
-from shared.site import Site
+from shared.site import Camera, Site
 from shared.site.footprint import Ring, footprint
+from shared.site.geometry_digest import geometry_digest
 
 __all__ = ["Contents"]
 
@@ -66,17 +67,27 @@ class Contents:
             case DetectorSettings():
                 return options_problem(model.options)
             case CameraAlignment():
-                return alignment_problem(model.homography, self._floor_of(model.camera))
+                return alignment_problem(model.homography, self._floor_of(model.camera)) or self.outlived(model)
             case RadioModelUpdate():
                 return "" if model.model is None else _radio(model.model)
         return ""
 
+    def outlived(self, model: Message) -> str:
+        """Return why a model is one of a calibration that its camera has no more; empty: it is not."""
+        if not isinstance(model, CameraAlignment) or (camera := self._camera(model.camera)) is None:
+            return ""
+        return calibration_problem(model.homography, model.geometry, geometry_digest(camera.geometry))
+
+    def _camera(self, camera: str) -> Camera | None:
+        cameras = [] if self._site is None else self._site.cameras
+        return next((one for one in cameras if one.id == camera), None)
+
     def _floor_of(self, camera: str) -> Ring:
         """Return the floor a camera sees; none where that is not known."""
-        if self._site is None or camera not in (one.id for one in self._site.cameras):
+        one = self._camera(camera)
+        if self._site is None or one is None:
             return []
         if camera not in self._seen:
-            one = self._site.camera(camera)
             outline = self._site.floor(self._site.area(one.area).floor).plan().outline
             self._seen[camera] = footprint(one.geometry.build(), one.area_of_interest, outline)
         return self._seen[camera]

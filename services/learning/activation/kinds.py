@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from shared.camera_limits import UNIT
 from shared.learning_report import ModelKind
 from shared.messages import (
     CameraAlignment,
@@ -36,7 +37,6 @@ SUBJECT: dict[ModelKind, str] = {
 }
 PERSONAL: frozenset[ModelKind] = frozenset({"stride", "heading"})
 """Of one visitor's phone: gone when it withdraws, and not exported unless asked for."""
-UNIT = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def kind_of(model: Message) -> ModelKind:

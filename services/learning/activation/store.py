@@ -71,6 +71,10 @@ class ModelStore:
             return ""
         return self._contents.problem(model)
 
+    def outlived(self, model: Message) -> bool:
+        """Whether a model corrects a calibration that its camera has no more."""
+        return bool(self._contents.outlived(model))
+
     # -- what there is ---------------------------------------------------------------------------------------------
 
     def active(self, kind: ModelKind, subject: str) -> StoredModel | None:

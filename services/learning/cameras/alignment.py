@@ -71,16 +71,24 @@ class AlignmentLessons:
         walkable: whether a person can stand at each of (n, 2) places, such as ``FloorPlan.walkable`` of its floor.
         hangs: by camera, (x, y, z) metres, such as ``CameraGeometry.position``; turns of a camera it does not hold are
             mended where they amount to a shift, a turn and a stretch of the plan.
+        calibrations: by camera, ``geometry_digest`` of the calibration that corrections are learned of.
     """
 
     kind: ClassVar[ModelKind] = "alignment"
 
-    def __init__(self, area: str, walkable: Walkable, hangs: Mapping[str, Array] | None = None) -> None:
+    def __init__(
+        self,
+        area: str,
+        walkable: Walkable,
+        hangs: Mapping[str, Array] | None = None,
+        calibrations: Mapping[str, str] | None = None,
+    ) -> None:
         self._area = area
         self._pairs = CameraPairs()
         self._tried: dict[str, float] = {}
         self._active: dict[str, CameraAlignment] = {}
         self._hangs = dict(hangs or {})
+        self._calibrations = dict(calibrations or {})
         self._blocked = BlockedPlaces(walkable)
 
     def take_frame(self, frame: DetectionFrame) -> None:
@@ -242,7 +250,14 @@ class AlignmentLessons:
             kind=self.kind,
             subject=camera,
             area=self._area,
-            model=CameraAlignment(t=now, camera=camera, version=0, homography=homography, reason=reason),
+            model=CameraAlignment(
+                t=now,
+                camera=camera,
+                version=0,
+                homography=homography,
+                reason=reason,
+                geometry=self._calibrations.get(camera, ""),
+            ),
             trained_until=until,
             gain=mean,
             margin=margin,

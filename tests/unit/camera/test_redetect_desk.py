@@ -32,7 +32,9 @@ def test_a_trial_that_takes_too_long_says_so_however_quickly_it_ends(monkeypatch
     for number in range(60):
         ring.offer(np.full((150, 200, 3), 100, np.uint8), 1000.0 + number / 4.0)
     unit = (np.eye(3), 0)
-    desk = RedetectDesk(CAMERA, "ground", "foreground", {}, ring, lambda: None, lambda: unit, dict, lambda: "", 0.05)
+    desk = RedetectDesk(
+        lambda: CAMERA, "ground", "foreground", {}, ring, lambda: None, lambda: unit, dict, lambda: "", 0.05
+    )
     asked, kill = Asked(), subprocess.Popen.kill
 
     def slow(process: "subprocess.Popen[bytes]") -> None:

@@ -92,6 +92,9 @@ def test_a_browser_gets_the_present_then_every_change_and_never_the_key(
                 assert second.wait_for("tracks")["device"] == ["d-1"]
                 api.publish("tracks", tracks(track=[1], x=[5.5]))
                 assert second.wait_for("tracks")["x"] == [5.5]
+            # A camera that was calibrated anew is drawn anew.
+            api.site = {**api.site, "cameras": [{"id": "hall-east", "position": [1, 2, 3]}]}
+            assert first.wait_for("site", lambda site: site["cameras"])["cameras"][0]["position"] == [1, 2, 3]
             assert KEY.encode() not in first.raw
             assert api.keys_seen == {KEY}
             assert len(api.streams) == 1  # one connection for all browsers

@@ -14,6 +14,7 @@ from learning_models import TestLearner, area, area_judged_by, lesson, power_of,
 from sqlalchemy import Engine
 from sqlalchemy.exc import OperationalError
 
+from services.learning.activation.content import Contents
 from services.learning.activation.database import in_memory
 from services.learning.activation.gate import Gate
 from services.learning.activation.rows import Decided
@@ -28,7 +29,10 @@ from services.learning.tracks.stretch import Stretch
 from services.learning.tracks.verdict import Verdict
 from services.learning.trials import Candidate, Inline, Key, Pace, Trials
 from shared.learning_report import ModelKind, TrackLessons
-from shared.messages import Erasure, HeadingModel, Message, RadioModelUpdate, RadioScan
+from shared.messages import CameraAlignment, Erasure, HeadingModel, Message, RadioModelUpdate, RadioScan
+from shared.site import Site, load_site
+from shared.site.geometry_digest import geometry_digest
+from shared.site.site_file import PoseGeometry
 
 BEGIN = 1000.0
 BEFORE = BEGIN - 100.0
@@ -44,6 +48,7 @@ class World:
         executor: Executor | None = None,
         tracks: AreaTracks | None = None,
         lessons: Sequence[Lesson] = (),
+        site: Site | None = None,
         **options: Any,
     ) -> None:
         self.gain, self.gain_of_configured = 0.1, -0.1
@@ -55,7 +60,7 @@ class World:
             {"hall": tracks or area()},
             [lesson(self.learner), lesson(self.walker), *lessons],
             Gate(),
-            ModelStore(self.engine),
+            ModelStore(self.engine, Contents(site)),
             self.answer,
             self.sent.append,
             Pace(
@@ -577,3 +582,30 @@ def test_what_fusion_cannot_try_goes_back_when_its_learner_regrets_it(
     world.live_until(BEGIN + 40.0, BEGIN + 20.0)
     assert world.decisions() == told
     assert not world.loop.store.on_probation()
+
+
+def test_a_correction_of_a_calibration_that_is_no_more_is_taken_back_by_itself(project: Path) -> None:
+    site = load_site(project / "deploy/sites/hall/site.yaml")
+    camera = site.cameras[0]
+    shift = (1.0, 0.0, 0.4, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    digest = geometry_digest(camera.geometry)
+    model = CameraAlignment(t=BEGIN, camera=camera.id, version=0, homography=shift, geometry=digest)
+    first = World(site=site)
+    first.loop.store.activate(model, "alignment", camera.id, "hall", Decided(BEGIN, BEGIN, "knocked"))
+
+    same = World(first.engine, site=site)
+    same.loop.begin()
+    same.loop.look(BEGIN + 10.0)
+    assert [one.homography for one in same.sent if isinstance(one, CameraAlignment)] == [shift]
+
+    pose = PoseGeometry(kind="pose", image_size=(640, 360), position=(1, 1, 4), look_at=(9, 6, 0), horizontal_fov=80)
+    other = site.model_copy(update={"cameras": [camera.model_copy(update={"geometry": pose}), *site.cameras[1:]]})
+    anew = World(first.engine, site=other)
+    anew.loop.begin()
+    anew.loop.look(BEGIN + 20.0)
+    (told,) = [one for one in anew.sent if isinstance(one, CameraAlignment)]
+    assert (told.homography, told.version) == ((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), 2)
+    newest = anew.loop.store.history()[0]
+    assert (newest.decision, newest.by) == ("rolled back", "learning")
+    assert "was calibrated anew" in newest.reason
+    assert "another calibration" in anew.loop.store.problem(model), "nor by hand can it go live again"

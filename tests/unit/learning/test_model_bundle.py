@@ -22,6 +22,7 @@ from services.learning.loop import LearningLoop
 from shared.learning_command import LearningAnswer
 from shared.messages import DetectorSettings, Erasure, Message, RadioModelUpdate, encode
 from shared.site import Site, load_site
+from shared.site.geometry_digest import geometry_digest
 
 POINTS = [f"ap-{number}" for number in range(1, 7)]
 AS_IT_IS = Renaming(as_site=False, areas={}, cameras={})
@@ -167,7 +168,14 @@ def test_what_no_model_may_say_is_refused_on_the_way_in_even_if_forced(
 
 
 def test_what_an_alignment_that_was_learned_says_comes_in(document: dict[str, Any], site: Site) -> None:
-    document["models"].append(carried("alignment", camera="hall-east", homography=[1, 0.1, 0.5, -0.1, 1, 2, 0, 0, 1]))
+    document["models"].append(
+        carried(
+            "alignment",
+            camera="hall-east",
+            homography=[1, 0.1, 0.5, -0.1, 1, 2, 0, 0, 1],
+            geometry=geometry_digest(site.camera("hall-east").geometry),
+        )
+    )
     assert [one.kind for one in unpack(json.dumps(document).encode(), site, AS_IT_IS)][2] == "alignment"
 
 
