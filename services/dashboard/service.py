@@ -25,7 +25,7 @@ from shared.weak_secrets import why_weak
 
 __all__ = ["DashboardService"]
 
-SHORTEST_PASSWORD = 12
+SHORTEST_KEY, SHORTEST_PASSWORD = 16, 12
 
 
 class DashboardService(Service[DashboardSettings]):
@@ -40,9 +40,14 @@ class DashboardService(Service[DashboardSettings]):
 
     @classmethod
     def check(cls, settings: DashboardSettings, site: Site) -> None:
-        """Refuse a password that is guessed in an afternoon."""
+        """Refuse secrets that are guessed in an afternoon."""
+        if settings.profile == "demo":
+            return
+        weak = why_weak(settings.api_key.get_secret_value(), SHORTEST_KEY)
+        if weak is not None:
+            raise SettingsError(f"api_key: {weak}; set ATRIUM_API_KEY to a key of the API (openssl rand -hex 24)")
         password = settings.dashboard_password.get_secret_value()
-        weak = why_weak(password, SHORTEST_PASSWORD) if password and settings.profile != "demo" else None
+        weak = why_weak(password, SHORTEST_PASSWORD) if password else None
         if weak is not None:
             raise SettingsError(
                 f"dashboard_password: {weak}; set ATRIUM_DASHBOARD_PASSWORD to another, "

@@ -34,12 +34,14 @@ def test_production_refuses_demo_secrets(site_file: str, given: list[str], missi
 
 @pytest.mark.parametrize(("password", "words"), [("password", "at least 12"), ("password-123", "guessed first")])
 def test_production_refuses_a_weak_password_and_needs_none(site_file: str, password: str, words: str) -> None:
-    given = ["--site-file", site_file, "--api-key", "a key of my own"]
+    given = ["--site-file", site_file, "--api-key", "a key of my own house"]
     with pytest.raises(SettingsError, match=words):
         DashboardService.check(
             read_settings(DashboardSettings, [*given, "--dashboard-password", password]), load_site(site_file)
         )
     DashboardService.check(read_settings(DashboardSettings, given), load_site(site_file))
+    with pytest.raises(SettingsError, match="ATRIUM_API_KEY"):
+        DashboardService.check(read_settings(DashboardSettings, [*given[:2], "--api-key", ""]), load_site(site_file))
 
 
 @pytest.mark.parametrize("url", ["localhost:8081", "ftp://host", "http://", "http://me:secret@host"])
