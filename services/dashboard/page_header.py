@@ -48,6 +48,7 @@ def header(title: str, can_sign_out: bool, here: str) -> None:
             status = '<span id="atrium-status" class="atrium-status">Connecting…</span>'
             ui.html(status, sanitize=False).classes("atrium-told")
         if can_sign_out:
+            ui.add_body_html('<script type="module" src="/static/session.js"></script>')
             visitor = page_visitor()
             who = f"<span>{escape(visitor.name)} ({escape(visitor.role)})</span> " if visitor.name else ""
             out = f'<form method="post" action="/logout">{who}<button>Sign out</button></form>'

@@ -251,6 +251,8 @@ def _a_viewer_looks_and_changes_nothing(system: System, browser: WebDriver, tmp_
     browser.get(f"{system.password_dashboard}/learning")
     wait_until(lambda: "Decisions" in browser.page_source, 20, "the learning page")
     assert not [one for one in browser.find_elements(By.CSS_SELECTOR, ".orders button") if one.is_displayed()]
+    httpx.delete(f"{system.api_url}/v1/users/maria", headers={"X-API-Key": API_KEY}).raise_for_status()
+    wait_until(lambda: urlsplit(browser.current_url).path == "/login", 30, "the door, for who was taken out")
 
 
 def test_pages_of_other_origins_hear_nothing(system: System) -> None:
