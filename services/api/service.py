@@ -35,6 +35,7 @@ from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.setup_told import SetupTold
 from shared.site import Site
+from shared.weak_secrets import why_weak
 from shared.zones import ZoneSet
 
 __all__ = ["ApiService"]
@@ -86,10 +87,11 @@ class ApiService(Service[ApiSettings]):
             return
         for key in settings.keys:
             secret = key.key.get_secret_value()
-            if secret == DEMO_KEY or len(secret) < SHORTEST_KEY:
+            weak = "is the demo's" if secret == DEMO_KEY else why_weak(secret, SHORTEST_KEY)
+            if weak is not None:
                 raise SettingsError(
-                    f"api_keys: key {key.name!r} is the demo's or shorter than {SHORTEST_KEY} characters; "
-                    "set ATRIUM_API_KEYS and ATRIUM_DASHBOARD_KEY to secrets of your own"
+                    f"api_keys: key {key.name!r} {weak}; "
+                    "set ATRIUM_API_KEYS and ATRIUM_DASHBOARD_KEY to secrets of your own (openssl rand -hex 24)"
                 )
 
     def run(self) -> None:

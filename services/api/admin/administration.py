@@ -191,7 +191,7 @@ def admin_routes(admin: Administration) -> APIRouter:
     router.include_router(catalogue_routes(admin.site, ZONE, admin.zones, zones, admin.redraw))
     router.include_router(catalogue_routes(admin.site, EXHIBIT, admin.exhibits, exhibits, admin.relist))
     router.include_router(account_routes(admin.accounts, admin.settings.key_rate))
-    router.include_router(session_routes(admin.accounts))
+    router.include_router(session_routes(admin.accounts, admin.settings.trusted_key))
     router.include_router(audit_route(admin.audit, admin.engine))
     router.include_router(in_front_route(admin.site, admin.live, admin.exhibits))
     return router

@@ -176,6 +176,20 @@ def test_guessing_is_slowed_down_for_the_name_and_for_the_address(here: Api, mon
     assert len(noted) == 100, "what was not tried is not written down"
 
 
+def test_a_stranger_who_guesses_does_not_lock_out_whose_name_it_is(here: Api) -> None:
+    sign_in(here)
+
+    def attempt(password: str, client: str, **headers: str) -> int:
+        shown = DEMO | {"X-Atrium-Client": client} | headers
+        return here.client.post("/v1/session", json={"user": "maria", "password": password}, headers=shown).status_code
+
+    assert [attempt("wrong", "198.51.100.7") for _ in range(12)] == [401] * 10 + [429] * 2
+    assert attempt(PASSWORD, "198.51.100.7") == 429
+    assert attempt(PASSWORD, "browser of maria") == 200
+    forged = [attempt("wrong", f"203.0.113.{n}", Authorization="Bearer no-key") for n in range(11)]
+    assert forged == [401] * 10 + [429], "only the dashboard is believed for whom it asks"
+
+
 def test_only_so_many_sign_ins_of_one_person_are_kept(here: Api) -> None:
     here.admin.accounts.let_in("maria", "viewer", PASSWORD)
     tokens = [here.admin.accounts.sign_in("maria", "viewer").token for _ in range(MOST_SESSIONS + 2)]
