@@ -51,10 +51,10 @@ class ApiService(Service[ApiSettings]):
     def __init__(self, settings: ApiSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
         self._live = LiveState(site, settings.positions_kept, settings.tracks_kept)
-        # Ids go on above those of the process before: nobody makes a million events a second.
-        events = EventLog(int(time.time() * 1e6), settings.stream_events, int(settings.stream_megabytes * 2**20))
-        self._hub = Hub(events, settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
         self._alerts = AlertOffice(settings, site, self._tell_of_alerts, self._acknowledge_erasure)
+        held = settings.stream_events, int(settings.stream_megabytes * 2**20)
+        events = EventLog(self._alerts.first_event, *held)
+        self._hub = Hub(events, settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
         self._acknowledged: OrderedDict[str, Publisher[ErasureDone]] = OrderedDict()
         self._presence = Presence()
         self._told: list[str] = []
@@ -166,6 +166,7 @@ class ApiService(Service[ApiSettings]):
 
     def _keep(self) -> None:
         """Write down what waits, and say so when that cannot be."""
+        self._alerts.keep(self._hub.log.newest)
         reason = self._admin.keep()
         if reason is None:
             self.health.well("database")

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
+import time
 from collections.abc import Callable, Iterable
 
 from fastapi import APIRouter
+from sqlalchemy.exc import SQLAlchemyError
 
 from services.api.alerts.alert_desk import AlertDesk
 from services.api.alerts.alert_routes import alert_routes
 from services.api.alerts.database import SCHEMA, migrate, open_alerts
+from services.api.alerts.event_numbers import EventNumbers
 from services.api.alerts.inbox import AlertInbox
 from services.api.alerts.past_alerts import PastAlerts
 from services.api.alerts.receiver_address import Resolve, resolve
@@ -56,6 +60,7 @@ class AlertOffice:
         problem = SCHEMA.problem(self._engine)
         if problem is not None:
             raise ServiceError(problem)
+        self._numbers = EventNumbers(self._engine, time.time())
         self._allowed = settings.webhook_networks
         self._resolve = resolve
         self._webhooks = WebhookStore(
@@ -71,6 +76,16 @@ class AlertOffice:
         self._sender = WebhookSender(self._webhooks, site.site, patience, self._allowed, resolve)
         self.desk = AlertDesk(self._engine, self._inbox, told, self._sender.wake, erased)
         self.desk.remember()
+
+    @property
+    def first_event(self) -> int:
+        """The id of the first event of this process."""
+        return self._numbers.first
+
+    def keep(self, newest: int) -> None:
+        """Have ids of events in reserve, ``newest`` having been told; called about once a second, in any thread."""
+        with contextlib.suppress(SQLAlchemyError):  # it says elsewhere that the database is away, and half are left
+            self._numbers.keep(newest)
 
     @property
     def past(self) -> PastAlerts:
