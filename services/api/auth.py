@@ -60,7 +60,6 @@ CHANGES: dict[str, Scope] = {
     "exhibits": "zones-admin",
     "learning": "learning-admin",
     "alerts": "acknowledge",
-    "access-points": "setup",
 }
 """What anything but a read asks for there."""
 ADMIN_READS = frozenset({"/v1/learning/export"})

@@ -24,7 +24,7 @@ from atrium_client import (
     TryLater,
     Zone,
 )
-from atrium_client.event_stream import parse
+from atrium_client.event_stream import lines, parse
 from conftest import unused_port
 from hypothesis import given
 from hypothesis import strategies as st
@@ -257,16 +257,26 @@ def test_long_lists_are_asked_for_in_pages() -> None:
     assert [row.device for row in client.devices()] == ["0", "1", "2", "3", "4"]
 
 
+def test_a_stream_goes_on_over_any_text_in_a_note() -> None:
+    note = "two\u2028lines\u2029and\x85more"
+    told = f'id: 8\nevent: acknowledged\ndata: {{"note": "{note}"}}\n\nid: 9\r\nevent: alert\r\ndata: {{}}\r\n\r\n'
+    answer = httpx.MockTransport(lambda _: httpx.Response(200, text=told))
+    events = AtriumClient("http://x", "k", transport=answer).events()
+    assert [next(events), next(events)] == [Event("acknowledged", {"note": note}, "8"), Event("alert", {}, "9")]
+
+
 words = st.text(st.characters(exclude_characters="\r\n", exclude_categories=["Cs"]), max_size=20)
 
 
-@given(st.lists(st.tuples(words, words, st.booleans()), max_size=10))
-def test_events_are_read_as_they_were_written(events: list[tuple[str, str, bool]]) -> None:
-    lines = []
+@given(st.lists(st.tuples(words, words, st.booleans()), max_size=10), st.integers(1, 50))
+def test_events_are_read_as_they_were_written(events: list[tuple[str, str, bool]], size: int) -> None:
+    written = []
     for name, data, numbered in events:
-        lines += [": a comment", f"event: {name}", *(["id: 7"] if numbered else [])]
-        lines += [f"data: {msgspec.json.encode(data).decode()}", ""]
-    read = [event for event in parse(lines) if event is not None]
+        written += [": a comment", f"event: {name}", *(["id: 7"] if numbered else [])]
+        written += [f"data: {msgspec.json.encode(data).decode()}", ""]
+    stream = "".join(f"{line}\n" for line in written).encode()
+    chunks = [stream[at : at + size] for at in range(0, len(stream), size)]
+    read = [event for event in parse(lines(chunks)) if event is not None]
     assert [(event.name, event.data, event.id == "7") for event in read] == events
 
 

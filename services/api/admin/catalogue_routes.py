@@ -30,6 +30,8 @@ LARGEST = 4 * 2**20
 _CRS = Query(description="of GeoJSON: plan, metres; wgs84, longitude and latitude, where the site file has an anchor")
 _IF_MATCH = Header(description="the ETag that was read: refuse with 412 if it was changed meanwhile")
 
+_HEADERS = {"Cache-Control": "no-store", "Vary": "Accept"}
+
 
 @dataclass(frozen=True)
 class Answers:
@@ -66,7 +68,7 @@ def catalogue_routes(
     body["requestBody"]["content"][GEOJSON] = {"schema": {"type": "object"}, "example": one_feature}
 
     def respond(entry: Entry[Any], status: int = 200) -> Response:
-        headers = {"ETag": entry.etag, "Cache-Control": "no-store"}
+        headers = {"ETag": entry.etag, **_HEADERS}
         if status == 201:
             headers["Location"] = f"/v1/{kind.name}s/{entry.definition.id}"
         content = msgspec.json.encode(answers.one(entry))
@@ -77,7 +79,7 @@ def catalogue_routes(
         features = [kind.draw(entry.definition, on_earth) for entry in entries]
         content = msgspec.json.encode(features[0]) if one else collection(features)
         headers = {"ETag": entries[0].etag} if one else {}
-        return Response(content, headers=headers | {"Cache-Control": "no-store"}, media_type=GEOJSON)
+        return Response(content, headers=headers | _HEADERS, media_type=GEOJSON)
 
     async def read(request: Request, crs: Crs, path_id: str | None = None) -> list[Any]:
         geojson = GEOJSON in request.headers.get("content-type", "")
@@ -94,7 +96,7 @@ def catalogue_routes(
             return await run_in_threadpool(drawn, list(catalogue.entries.values()), crs)
         if crs != "plan":
             raise invalid("crs", crs, f"plan; wgs84 goes with Accept: {GEOJSON}")
-        return Response(answers.every(), media_type="application/json")
+        return Response(answers.every(), headers=_HEADERS, media_type="application/json")
 
     @router.post("", status_code=201, responses=created(answers.shape, 409, 413, 422, 503), openapi_extra=body)
     async def add(request: Request, crs: Annotated[Crs, _CRS] = "plan") -> Response:

@@ -280,3 +280,10 @@ def test_nobody_is_looked_up_unseen_when_the_log_cannot_be_written(here: Api, mo
 def test_the_demo_key_still_may_do_everything(here: Api) -> None:
     assert here.client.get("/v1/session", headers=DEMO).json()["role"] is None
     assert here.client.post("/v1/zones", json=ZONE).status_code == 201
+
+
+def test_placing_access_points_needs_to_read_the_site_and_to_set_it_up(tmp_path: Path) -> None:
+    with api(tmp_path) as here:
+        for scopes, status in ((["setup"], 403), (["site"], 403), (["setup", "site"], 422)):
+            shown = {"Authorization": f"Bearer {issue(here, scopes=scopes)['key']}"}
+            assert here.client.post("/v1/access-points", content=b"{}", headers=shown).status_code == status

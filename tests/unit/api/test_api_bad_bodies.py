@@ -71,7 +71,7 @@ def test_every_operation_that_takes_a_body_refuses_bytes_that_are_none(here: Api
             answer = here.client.request(method.upper(), path, content=body, headers={"Content-Type": media})
             where = f"{method} {path} {media} {body[:40]!r}: {answer.status_code} {answer.text[:200]}"
             if path.endswith("/import") and is_json(body):
-                assert answer.status_code == 503, f"learning's to judge, which does not run: {where}"
+                assert answer.status_code in (422, 503), f"learning's to judge, which does not run: {where}"
             else:
                 assert 400 <= answer.status_code < 500, where
             assert answer.headers["Content-Type"] == "application/problem+json", where

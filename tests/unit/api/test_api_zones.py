@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import httpx
 import msgspec
 import numpy as np
 import pytest
@@ -224,6 +225,24 @@ def test_wgs84_is_refused_where_nobody_knows_where_the_site_is(tmp_path: Path) -
         far["properties"] = {"floor": "ground"}
         reply = anchored.client.post("/v1/zones?crs=wgs84", content=json.dumps(far), headers=AS_GEOJSON)
         assert (reply.status_code, reply.json()["field"]) == (422, "geometry.coordinates")
+
+
+def test_coordinates_that_say_of_themselves_that_they_are_others_are_refused(tmp_path: Path) -> None:
+    def sent(here: Api, name: object, query: str = "") -> httpx.Response:
+        one = {**drawn["features"][0], "id": f"z-{len(query)}", "crs": {"type": "name", "properties": {"name": name}}}
+        return here.client.post(f"/v1/zones{query}", content=json.dumps(one), headers=AS_GEOJSON)
+
+    with api(tmp_path, hall(anchor=Anchor(latitude=48.8606, longitude=2.3376))) as here:
+        reply = here.client.get("/v1/zones", headers=AS_GEOJSON)
+        assert reply.headers["Vary"] == here.client.get("/v1/zones").headers["Vary"] == "Accept"
+        drawn = reply.json()
+        for name in ("urn:ogc:def:crs:EPSG::25832", "urn:ogc:def:crs:OGC:1.3:CRS84", 4326, None):
+            refused = sent(here, name)
+            assert (refused.status_code, refused.json()["field"]) == (422, "crs")
+        assert sent(here, "plan metres").status_code == 201
+        drawn = here.client.get("/v1/zones?crs=wgs84", headers=AS_GEOJSON).json()
+        assert sent(here, "plan metres", "?crs=wgs84").status_code == 422
+        assert sent(here, "urn:ogc:def:crs:OGC:1.3:CRS84", "?crs=wgs84").status_code == 201
 
 
 def test_exhibits_are_kept_like_zones(tmp_path: Path) -> None:
