@@ -57,6 +57,7 @@ class Catalogue(Generic[D]):
         beginning: what holds until the first change.
         most: as many are kept.
         publish: called with version and definitions after each change, and at the start where there was one.
+        check: called with all definitions before and after a change; refuses it by raising a ``ProblemError``.
 
     Raises:
         ServiceError: the database cannot be read.
@@ -70,6 +71,7 @@ class Catalogue(Generic[D]):
         beginning: Sequence[D],
         most: int,
         publish: Callable[[int, list[D]], None] = lambda version, definitions: None,
+        check: Callable[[list[D], list[D]], None] = lambda before, after: None,
     ) -> None:
         self._engine = engine
         self._kind = kind
@@ -77,6 +79,7 @@ class Catalogue(Generic[D]):
         self._beginning = list(beginning)
         self._most = most
         self._publish = publish
+        self._check = check
         self._lock = threading.Lock()
         self.version = 0
         self.entries: dict[str, Entry[D]] = {}
@@ -166,6 +169,7 @@ class Catalogue(Generic[D]):
 
     def _store(self, entries: dict[str, Entry[D]], written: list[Entry[D]], removed: list[str]) -> None:
         """Write the change, then let readers see it. Versions count seconds: they grow over a lost database too."""
+        self._check(self.definitions, [entry.definition for entry in entries.values()])
         version = max(self.version + 1, int(time.time()))
         if not self.version:
             written, removed = list(entries.values()), []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -48,7 +48,7 @@ def catalogue_routes(
     kind: Kind[Any],
     catalogue: Catalogue[Any],
     answers: Answers,
-    changed: Callable[[], None],
+    changed: Callable[[], Awaitable[None]],
 ) -> APIRouter:
     """Return the routes of one catalogue.
 
@@ -57,7 +57,7 @@ def catalogue_routes(
         kind: how definitions are read and drawn.
         catalogue: where they are kept.
         answers: what is told of them.
-        changed: called in the event loop after a change.
+        changed: awaited after a change, before it is answered.
     """
     router = APIRouter(prefix=f"/v1/{kind.name}s", tags=[f"{kind.name}s"], default_response_class=Response)
     earth = PlanOnEarth.of(site)
@@ -102,7 +102,7 @@ def catalogue_routes(
     async def add(request: Request, crs: Annotated[Crs, _CRS] = "plan") -> Response:
         """Add one; a GeoJSON FeatureCollection adds all that are in it, or none."""
         entries = await run_in_threadpool(catalogue.add, await read(request, crs))
-        changed()
+        await changed()
         return respond(entries[0], 201)
 
     @router.get("/{item}", responses=drawn_too(documented(answers.shape, 404, 422), one_feature))
@@ -127,7 +127,7 @@ def catalogue_routes(
         (definition,) = await read(request, crs, item)
         before, entry = await run_in_threadpool(catalogue.replace, item, definition, if_match)
         request.state.audit = msgspec.json.encode(before.definition).decode()
-        changed()
+        await changed()
         return respond(entry)
 
     @router.delete("/{item}", status_code=204, responses=GONE | errors(404, 409, 412, 503))
@@ -135,7 +135,7 @@ def catalogue_routes(
         """Take one out."""
         before = await run_in_threadpool(catalogue.remove, item, if_match)
         request.state.audit = msgspec.json.encode(before.definition).decode()
-        changed()
+        await changed()
         return Response(status_code=204)
 
     return router

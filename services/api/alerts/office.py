@@ -72,9 +72,8 @@ class AlertOffice:
             settings.webhook_first_pause,
             settings.webhook_longest_pause,
         )
-        self._sender = WebhookSender(
-            self._webhooks, site.site, patience, self._allowed, HostLookup(settings.webhooks_most)
-        )
+        lookup = HostLookup(settings.webhooks_most + 1)
+        self._sender = WebhookSender(self._webhooks, site.site, patience, self._allowed, lookup)
         self.desk = AlertDesk(self._engine, self._inbox, told, self._sender.wake, erased)
         self.desk.remember()
 
