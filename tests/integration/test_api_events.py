@@ -483,7 +483,7 @@ def test_a_database_that_goes_away_loses_no_alert_and_holds_up_no_stream(
         for path in ("alerts", "webhooks"):
             away = httpx.get(f"{address}/v1/{path}", headers=KEY, timeout=DEADLINE)
             assert (away.status_code, away.headers["Retry-After"]) == (503, "5")
-            assert away.json()["type"] == "urn:atrium:storage-away"
+            assert away.json()["type"] == "urn:atrium:database-away"
         assert httpx.get(f"{address}/v1/positions", headers=KEY).status_code == 200
         server.start()
         url = f"{address}/v1/alerts/a-701"

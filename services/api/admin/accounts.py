@@ -19,11 +19,11 @@ import structlog
 from sqlalchemy import Engine, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
-from services.api.admin.catalogue import database_away
 from services.api.admin.passwords import NOBODY, hash_password, is_password
 from services.api.admin.roles import SCOPES_OF, Role
 from services.api.admin.tables import KeyRow, SessionRow, UserRow
 from services.api.auth import Holder
+from services.api.database_away import database_away
 from services.api.problems import Problem, ProblemError, unknown
 from services.api.settings import ALL_SCOPES, Scope
 from shared.database import unreachable
@@ -203,15 +203,12 @@ class Accounts:
         self._change(delete(SessionRow).where(SessionRow.digest == digest))
 
     def _read(self, statement: Any) -> list[Any]:
-        try:
-            with self._engine.connect() as connection:
-                return list(connection.execute(statement).all())
-        except SQLAlchemyError as error:
-            raise database_away(self._engine, error) from error
+        with database_away(self._engine), self._engine.connect() as connection:
+            return list(connection.execute(statement).all())
 
     def _change(self, first: Any, *others: Any, most: tuple[Any, int, str] | None = None) -> int:
         """Make the changes as one, then let the guard see them; return how many rows the first one touched."""
-        with self._lock:
+        with self._lock, database_away(self._engine):
             try:
                 with self._engine.begin() as connection:
                     if most is not None and (connection.scalar(most[0]) or 0) >= most[1]:
@@ -222,8 +219,6 @@ class Accounts:
                 self._load()
             except IntegrityError as error:
                 raise _refused("id-taken", "Name taken", "there is one of that name already") from error
-            except SQLAlchemyError as error:
-                raise database_away(self._engine, error) from error
         return touched
 
     def _load(self) -> None:

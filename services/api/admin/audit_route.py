@@ -8,12 +8,11 @@ from typing import Annotated
 import msgspec
 from fastapi import APIRouter, Query
 from sqlalchemy import Engine
-from sqlalchemy.exc import SQLAlchemyError
 from starlette.responses import Response
 
 from services.api.admin.account_replies import AuditEntry, AuditPage
 from services.api.admin.audit_log import AuditLog
-from services.api.admin.catalogue import database_away
+from services.api.database_away import database_away
 from services.api.openapi import documented
 
 __all__ = ["audit_route"]
@@ -42,11 +41,9 @@ def audit_route(audit: AuditLog, engine: Engine) -> APIRouter:
         for text in (who, action):
             if text is not None and not text.isprintable():
                 return _json(AuditPage(t=time.time(), entries=[], next=None))
-        try:
+        with database_away(engine):
             audit.keep()
             rows = audit.read(before, since, until, who, action, limit)
-        except SQLAlchemyError as error:
-            raise database_away(engine, error) from error
         found = [AuditEntry(**row) for row in rows]
         return _json(AuditPage(t=time.time(), entries=found, next=found[-1].id if len(found) == limit else None))
 

@@ -9,19 +9,17 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import msgspec
-import structlog
 from sqlalchemy import CursorResult, Engine, delete, insert, select, update
 from sqlalchemy.exc import SQLAlchemyError
 
 from services.api.admin.conditions import check_match, etag_of
 from services.api.admin.tables import CatalogueRow, DefinitionRow
+from services.api.database_away import database_away
 from services.api.problems import Problem, ProblemError, unknown
 from shared.database import unreachable
 from shared.runner import ServiceError
 
-__all__ = ["Catalogue", "Entry", "database_away"]
-
-log = structlog.get_logger(__name__)
+__all__ = ["Catalogue", "Entry"]
 
 
 class Definition(Protocol):
@@ -174,23 +172,20 @@ class Catalogue(Generic[D]):
         if not self.version:
             written, removed = list(entries.values()), []
         of_kind = DefinitionRow.kind == self._kind
-        try:
-            with self._engine.begin() as connection:
-                if self.version:
-                    held = (CatalogueRow.kind == self._kind) & (CatalogueRow.version == self.version)
-                    changed: CursorResult[tuple[()]] = connection.execute(
-                        update(CatalogueRow).where(held).values(version=version)
-                    )
-                    if changed.rowcount != 1:
-                        raise self._refusal(409, "changed-elsewhere", "Changed elsewhere", _ELSEWHERE, None)
-                else:
-                    connection.execute(insert(CatalogueRow).values(kind=self._kind, version=version))
-                if removed:
-                    connection.execute(delete(DefinitionRow).where(of_kind & DefinitionRow.id.in_(removed)))
-                if written:
-                    connection.execute(insert(DefinitionRow), [self._row(entry) for entry in written])
-        except SQLAlchemyError as error:
-            raise database_away(self._engine, error) from error
+        with database_away(self._engine), self._engine.begin() as connection:
+            if self.version:
+                held = (CatalogueRow.kind == self._kind) & (CatalogueRow.version == self.version)
+                changed: CursorResult[tuple[()]] = connection.execute(
+                    update(CatalogueRow).where(held).values(version=version)
+                )
+                if changed.rowcount != 1:
+                    raise self._refusal(409, "changed-elsewhere", "Changed elsewhere", _ELSEWHERE, None)
+            else:
+                connection.execute(insert(CatalogueRow).values(kind=self._kind, version=version))
+            if removed:
+                connection.execute(delete(DefinitionRow).where(of_kind & DefinitionRow.id.in_(removed)))
+            if written:
+                connection.execute(insert(DefinitionRow), [self._row(entry) for entry in written])
         self.version, self.entries = version, entries
         self._publish(version, self.definitions)
 
@@ -207,20 +202,6 @@ class Catalogue(Generic[D]):
 
 
 _ELSEWHERE = "another process of the API changed the database; one alone may: restart this one"
-
-
-def database_away(engine: Engine, error: SQLAlchemyError) -> ProblemError:
-    """Return the 503 for a database that does not answer; why stands in the log."""
-    log.error("the API's database cannot be used", reason=unreachable(engine, error))
-    return ProblemError(
-        Problem(
-            type="urn:atrium:database-away",
-            title="Database away",
-            status=503,
-            detail="the API's database cannot be reached now; nothing was changed. Reads of positions go on",
-        ),
-        {"Retry-After": "5"},
-    )
 
 
 def _entry(definition: D, place: int) -> Entry[D]:

@@ -15,7 +15,7 @@ from starlette.responses import Response
 
 from services.api.alerts.alert_replies import Acknowledged, Alerts, InboxAlert, Note
 from services.api.alerts.inbox import AcknowledgedError, AlertInbox, Wanted
-from services.api.alerts.storage_away import storage_away
+from services.api.database_away import database_away
 from services.api.openapi import documented
 from services.api.problems import Problem, ProblemError, unknown
 from services.api.request_body import described, invalid, read_body, read_object
@@ -71,7 +71,7 @@ def alert_routes(
     ) -> Response:
         """What zones told, newest first; with after, in the order it came, so that nothing is missed."""
         wanted = Wanted(since, until, zone, area, device, _kinds(kinds), acknowledged)
-        with storage_away(engine):
+        with database_away(engine):
             if zone is not None and zone not in zones() and not (is_identifier(zone) and inbox.has_zone(zone)):
                 raise unknown("zone", zone, list(zones())[:100])
             if area is not None and area not in areas:
@@ -94,7 +94,7 @@ def alert_routes(
     @router.get("/{alert}", responses=documented(InboxAlert, 404, 503))
     def alert(alert: str) -> Response:
         """One alert."""
-        with storage_away(engine):
+        with database_away(engine):
             return _json(_named(alert, inbox.one))
 
     @router.post(
@@ -109,7 +109,7 @@ def alert_routes(
         by: str = request.state.holder.name
 
         def write() -> InboxAlert:
-            with storage_away(engine):
+            with database_away(engine):
                 return _named(alert, lambda name: inbox.acknowledge(name, by, note, time.time()))
 
         try:

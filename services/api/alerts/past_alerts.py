@@ -7,7 +7,7 @@ from sqlalchemy import Engine
 from starlette.concurrency import run_in_threadpool
 
 from services.api.alerts.inbox import AlertInbox
-from services.api.alerts.storage_away import storage_away
+from services.api.database_away import database_away
 from services.api.event_log import Entry
 
 __all__ = ["PastAlerts"]
@@ -32,7 +32,7 @@ class PastAlerts:
         """Return the events of alerts after event ``after`` and before event ``before``; None: too many to tell."""
 
         def read() -> list[Entry] | None:
-            with storage_away(self._engine):
+            with database_away(self._engine):
                 found = self._inbox.told_between(after, before, MOST + 1)
             if len(found) > MOST:
                 return None
@@ -54,7 +54,7 @@ class PastAlerts:
         """Return the event that told an alert, None where it is not held (any more)."""
 
         def read() -> int | None:
-            with storage_away(self._engine):
+            with database_away(self._engine):
                 return self._inbox.event_of(alert) if alert.isprintable() else None
 
         return await run_in_threadpool(read)

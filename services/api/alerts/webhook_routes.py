@@ -14,7 +14,6 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from services.api.alerts.receiver_address import AddressError, Network, Resolve, check_url
-from services.api.alerts.storage_away import storage_away
 from services.api.alerts.webhook_replies import (
     DeadLetters,
     NewWebhook,
@@ -24,6 +23,7 @@ from services.api.alerts.webhook_replies import (
     Webhooks,
 )
 from services.api.alerts.webhook_store import TooManyError, WebhookStore
+from services.api.database_away import database_away
 from services.api.openapi import GONE, created, documented, errors
 from services.api.problems import Problem, ProblemError, unknown
 from services.api.request_body import described, invalid, read_struct
@@ -59,7 +59,7 @@ def webhook_routes(
         try:
             if not is_identifier(webhook):
                 raise KeyError(webhook)
-            with storage_away(engine):
+            with database_away(engine):
                 return ask(webhook)
         except KeyError:
             raise unknown("webhook", webhook) from None
@@ -75,7 +75,7 @@ def webhook_routes(
     @router.get("", responses=documented(Webhooks, 503))
     def webhooks() -> Response:
         """All webhooks and how they are doing."""
-        with storage_away(engine):
+        with database_away(engine):
             return _json(Webhooks(t=time.time(), webhooks=store.all()))
 
     @router.post(
@@ -90,7 +90,7 @@ def webhook_routes(
         by: str = request.state.holder.name
 
         def write() -> NewWebhook:
-            with storage_away(engine):
+            with database_away(engine):
                 return store.create(definition, by, time.time())
 
         try:

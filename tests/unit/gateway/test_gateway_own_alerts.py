@@ -32,7 +32,7 @@ def test_a_crowd_is_nobodys_own_alert() -> None:
 
 def test_a_zone_that_staff_drew_is_called_by_its_name_also_in_what_was_told_before() -> None:
     book = OwnAlertBook([], kept=60.0)
-    book.take(alert("enter"), arrived=0.0)
+    book.take(alert("enter", device="me"), arrived=0.0)
     book.draw([ZoneDefinition(id="z", name="The vault", floor="g", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])])
-    book.take(alert("exit"), arrived=1.0)
+    book.take(alert("exit", device="me"), arrived=1.0)
     assert [own.name for own in book.of("me")] == ["The vault"] * 2

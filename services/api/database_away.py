@@ -1,4 +1,4 @@
-"""What a client is told when the database does not answer: try again, in one shape for all routes."""
+"""What a client is told when the API's database does not answer: try again, in one shape for all routes."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from sqlalchemy.exc import SQLAlchemyError
 from services.api.problems import Problem, ProblemError
 from shared.database import unreachable
 
-__all__ = ["storage_away"]
+__all__ = ["database_away"]
 
 log = structlog.get_logger(__name__)
 
 
 @contextmanager
-def storage_away(engine: Engine) -> Iterator[None]:
-    """Turn what a database raises into the 503 that clients get.
+def database_away(engine: Engine) -> Iterator[None]:
+    """Turn what a database raises into the 503 that clients get; why stands in the log.
 
     Raises:
         ProblemError: the database does not do what it is asked.
@@ -30,10 +30,10 @@ def storage_away(engine: Engine) -> Iterator[None]:
         log.warning("not answered: the database is away", reason=unreachable(engine, error))
         raise ProblemError(
             Problem(
-                type="urn:atrium:storage-away",
-                title="The database is away",
+                type="urn:atrium:database-away",
+                title="Database away",
                 status=503,
-                detail="alerts and webhooks cannot be read or changed now; positions and streams do not depend on it",
+                detail="the API's database cannot be reached now, nothing was changed; positions and streams go on",
             ),
             {"Retry-After": "5"},
         ) from error
