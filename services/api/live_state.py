@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from services.api.replies import (
     AreaFreshness,
@@ -26,7 +25,7 @@ from services.api.replies import (
     ZoneReport,
 )
 from services.api.track_memory import Since, TrackMemory
-from services.api.zones_drawn import ZonesDrawn, zones_of
+from services.api.zones_drawn import People, ZonesDrawn, zones_of
 from shared.erased import Erased
 from shared.messages import CameraStatus, TrackFrame
 from shared.site import Site
@@ -296,21 +295,18 @@ class LiveState:
 
     def zone(self, name: str, now: float) -> ZoneReport:
         """Return one zone and who is in it (KeyError if there is none such)."""
-        return self._drawn.reports(*self._people(now))[self._drawn.ids[name]]
+        return self._drawn.reports(self._people(now))[self._drawn.ids[name]]
 
     def _build_zones_json(self, now: float) -> bytes:
-        return b'{"t":%b,"zones":%b}' % (msgspec.json.encode(now), self._drawn.reports_json(*self._people(now)))
+        return b'{"t":%b,"zones":%b}' % (msgspec.json.encode(now), self._drawn.reports_json(self._people(now)))
 
-    def _people(
-        self, now: float
-    ) -> tuple[NDArray[np.object_], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return floors and places of everybody, and whether no camera sees them."""
+    def _people(self, now: float) -> People:
         frames = [arrived.frame for arrived in self._present(now)]
         floor = np.array([name for frame in frames for name in frame.floor], dtype=object)
         x = np.array([value for frame in frames for value in frame.x], dtype=float)
         y = np.array([value for frame in frames for value in frame.y], dtype=float)
         unseen = np.array([state == "unseen" for frame in frames for state in frame.state], dtype=bool)
-        return floor, x, y, unseen
+        return People(floor, x, y, unseen)
 
     def _camera(self, camera: str, area: str, now: float) -> CameraReport:
         held = self._statuses.get(camera)

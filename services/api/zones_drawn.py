@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -13,7 +14,7 @@ from services.api.replies import ZoneReport
 from shared.site import Site
 from shared.zones import ZoneDefinition, ZoneRule
 
-__all__ = ["ZonesDrawn", "zones_of"]
+__all__ = ["People", "ZonesDrawn", "zones_of"]
 
 _COUNTS = b'"inside":%d,"unseen":%d'
 """As ``ZoneReport`` writes its two fields; what follows them is a tag, which holds no such text."""
@@ -31,6 +32,15 @@ def zones_of(site: Site) -> list[ZoneDefinition]:
         )
         for zone in site.zones
     ]
+
+
+class People(NamedTuple):
+    """Where everybody is: floors, metres on the plan, and whether no camera sees them; arrays of one length."""
+
+    floor: NDArray[np.object_]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    unseen: NDArray[np.bool_]
 
 
 class ZonesDrawn:
@@ -83,41 +93,23 @@ class ZonesDrawn:
         within = shapely.intersects_xy(self._areas[zone], x[person], y[person])
         return person[within], zone[within]
 
-    def reports(
-        self,
-        floor: NDArray[np.object_],
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        unseen: NDArray[np.bool_],
-    ) -> list[ZoneReport]:
+    def reports(self, people: People) -> list[ZoneReport]:
         """Return each zone with how many of these people are in it, those whom no camera sees apart."""
         return [
             report if not (seen or not_seen) else msgspec.structs.replace(report, inside=seen, unseen=not_seen)
-            for report, (seen, not_seen) in zip(self._empty, self._counts(floor, x, y, unseen), strict=True)
+            for report, (seen, not_seen) in zip(self._empty, self._counts(people), strict=True)
         ]
 
-    def reports_json(
-        self,
-        floor: NDArray[np.object_],
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        unseen: NDArray[np.bool_],
-    ) -> bytes:
+    def reports_json(self, people: People) -> bytes:
         """Return ``reports`` as JSON; shapes and rules, which may be long, are not written anew."""
         pieces = self._pieces.copy()
-        pieces[1::2] = [_COUNTS % counts for counts in self._counts(floor, x, y, unseen)]
+        pieces[1::2] = [_COUNTS % counts for counts in self._counts(people)]
         return b"[%b]" % b"".join(pieces)
 
-    def _counts(
-        self,
-        floor: NDArray[np.object_],
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        unseen: NDArray[np.bool_],
-    ) -> list[tuple[int, int]]:
+    def _counts(self, people: People) -> list[tuple[int, int]]:
         """Return of each zone how many are in it whom cameras see, and whom none does."""
-        person, zone = self.within(floor, x, y)
-        hidden = unseen[person]
+        person, zone = self.within(people.floor, people.x, people.y)
+        hidden = people.unseen[person]
         seen = np.bincount(zone[~hidden], minlength=len(self._empty)).tolist()
         out_of_view = np.bincount(zone[hidden], minlength=len(self._empty)).tolist()
         return list(zip(seen, out_of_view, strict=True))

@@ -21,7 +21,7 @@ from services.api.admin.geojson import GEOJSON
 from services.api.admin.shapes import ZONE
 from services.api.problems import ProblemError
 from services.api.replies import ZoneReport
-from services.api.zones_drawn import ZonesDrawn
+from services.api.zones_drawn import People, ZonesDrawn
 from shared.site.geographic import PlanOnEarth
 from shared.site.site_file import Anchor
 from shared.zones import ZoneDefinition
@@ -333,9 +333,10 @@ def test_people_are_counted_as_one_by_one(people: list[tuple[float, float]], see
     x, y = np.array(people, dtype=float).reshape(-1, 2).T
     unseen = generator.random(len(people)) < 0.3
     areas = {zone.id: shapely.Polygon(zone.points) for zone in zones if zone.shape == "area"}
+    everybody = People(floor, x, y, unseen)
     drawn = ZonesDrawn(zones, ["inside", *['"inside":0,"unseen":0'] * 5])
-    reports = drawn.reports(floor, x, y, unseen)
-    assert msgspec.json.decode(drawn.reports_json(floor, x, y, unseen), type=list[ZoneReport]) == reports
+    reports = drawn.reports(everybody)
+    assert msgspec.json.decode(drawn.reports_json(everybody), type=list[ZoneReport]) == reports
     for report, zone in zip(reports, zones, strict=True):
         inside = [
             zone.shape == "area" and floor[n] == zone.floor and areas[zone.id].intersects(shapely.Point(p))
