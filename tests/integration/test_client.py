@@ -30,6 +30,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from waiting import wait_until
 
+from services.api.alerts.event_numbers import BLOCK
 from shared.bus import Bus, router
 from shared.keys import Keys
 from shared.messages import Alert, TrackFrame
@@ -152,7 +153,7 @@ def test_a_stream_that_is_lost_goes_on_after_the_last_alert(project: Path, tmp_p
     endpoint, port = f"tcp/127.0.0.1:{unused_port()}", unused_port()
     broker = router(endpoint)
     site = load_site(project / "deploy/sites/hall/site.yaml")
-    told: list[str] = []
+    told, numbers = list[str](), list[int]()
     database = f"sqlite:///{tmp_path}/api.db"
     joined = threading.Event()
 
@@ -161,6 +162,7 @@ def test_a_stream_that_is_lost_goes_on_after_the_last_alert(project: Path, tmp_p
             for event in client.events(area="hall"):
                 joined.set()
                 if event.name == "alert":
+                    numbers.append(int(event.id))
                     told.append(event.data["id"])
                 if told[-1:] == ["a-3"]:
                     return
@@ -184,6 +186,8 @@ def test_a_stream_that_is_lost_goes_on_after_the_last_alert(project: Path, tmp_p
             reader.join(15.0)
     broker.close()
     assert told == ["a-0", "a-1", "a-2", "a-3"]
+    # Not of the clock, which may be set back meanwhile: above all that the first run had in reserve.
+    assert numbers[1] + BLOCK - 1_000_000 < numbers[2] < numbers[3]
 
 
 def test_a_stream_waits_when_the_api_is_busy_and_gives_up_when_it_refuses(monkeypatch: pytest.MonkeyPatch) -> None:
