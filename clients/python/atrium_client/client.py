@@ -12,7 +12,7 @@ import httpx
 import msgspec
 
 from atrium_client.errors import AtriumError, NotFound, error_of
-from atrium_client.event_stream import Event, parse
+from atrium_client.event_stream import Event, lines, parse
 from atrium_client.models import (
     Alert,
     Device,
@@ -291,7 +291,7 @@ class AtriumClient:
             if response.is_error:
                 response.read()
                 raise error_of(response)
-            yield from parse(response.iter_lines())
+            yield from parse(lines(response.iter_bytes()))
 
     # ---- how it is asked
 

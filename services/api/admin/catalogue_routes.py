@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -30,6 +30,8 @@ LARGEST = 4 * 2**20
 _CRS = Query(description="of GeoJSON: plan, metres; wgs84, longitude and latitude, where the site file has an anchor")
 _IF_MATCH = Header(description="the ETag that was read: refuse with 412 if it was changed meanwhile")
 
+_HEADERS = {"Cache-Control": "no-store", "Vary": "Accept"}
+
 
 @dataclass(frozen=True)
 class Answers:
@@ -46,7 +48,7 @@ def catalogue_routes(
     kind: Kind[Any],
     catalogue: Catalogue[Any],
     answers: Answers,
-    changed: Callable[[], None],
+    changed: Callable[[], Awaitable[None]],
 ) -> APIRouter:
     """Return the routes of one catalogue.
 
@@ -55,7 +57,7 @@ def catalogue_routes(
         kind: how definitions are read and drawn.
         catalogue: where they are kept.
         answers: what is told of them.
-        changed: called in the event loop after a change.
+        changed: awaited after a change, before it is answered.
     """
     router = APIRouter(prefix=f"/v1/{kind.name}s", tags=[f"{kind.name}s"], default_response_class=Response)
     earth = PlanOnEarth.of(site)
@@ -66,7 +68,7 @@ def catalogue_routes(
     body["requestBody"]["content"][GEOJSON] = {"schema": {"type": "object"}, "example": one_feature}
 
     def respond(entry: Entry[Any], status: int = 200) -> Response:
-        headers = {"ETag": entry.etag, "Cache-Control": "no-store"}
+        headers = {"ETag": entry.etag, **_HEADERS}
         if status == 201:
             headers["Location"] = f"/v1/{kind.name}s/{entry.definition.id}"
         content = msgspec.json.encode(answers.one(entry))
@@ -77,7 +79,7 @@ def catalogue_routes(
         features = [kind.draw(entry.definition, on_earth) for entry in entries]
         content = msgspec.json.encode(features[0]) if one else collection(features)
         headers = {"ETag": entries[0].etag} if one else {}
-        return Response(content, headers=headers | {"Cache-Control": "no-store"}, media_type=GEOJSON)
+        return Response(content, headers=headers | _HEADERS, media_type=GEOJSON)
 
     async def read(request: Request, crs: Crs, path_id: str | None = None) -> list[Any]:
         geojson = GEOJSON in request.headers.get("content-type", "")
@@ -94,13 +96,13 @@ def catalogue_routes(
             return await run_in_threadpool(drawn, list(catalogue.entries.values()), crs)
         if crs != "plan":
             raise invalid("crs", crs, f"plan; wgs84 goes with Accept: {GEOJSON}")
-        return Response(answers.every(), media_type="application/json")
+        return Response(answers.every(), headers=_HEADERS, media_type="application/json")
 
     @router.post("", status_code=201, responses=created(answers.shape, 409, 413, 422, 503), openapi_extra=body)
     async def add(request: Request, crs: Annotated[Crs, _CRS] = "plan") -> Response:
         """Add one; a GeoJSON FeatureCollection adds all that are in it, or none."""
         entries = await run_in_threadpool(catalogue.add, await read(request, crs))
-        changed()
+        await changed()
         return respond(entries[0], 201)
 
     @router.get("/{item}", responses=drawn_too(documented(answers.shape, 404, 422), one_feature))
@@ -125,7 +127,7 @@ def catalogue_routes(
         (definition,) = await read(request, crs, item)
         before, entry = await run_in_threadpool(catalogue.replace, item, definition, if_match)
         request.state.audit = msgspec.json.encode(before.definition).decode()
-        changed()
+        await changed()
         return respond(entry)
 
     @router.delete("/{item}", status_code=204, responses=GONE | errors(404, 409, 412, 503))
@@ -133,7 +135,7 @@ def catalogue_routes(
         """Take one out."""
         before = await run_in_threadpool(catalogue.remove, item, if_match)
         request.state.audit = msgspec.json.encode(before.definition).decode()
-        changed()
+        await changed()
         return Response(status_code=204)
 
     return router

@@ -11,11 +11,19 @@ import numpy as np
 from services.api.request_body import invalid
 from shared.site.geographic import PlanOnEarth
 
-__all__ = ["GEOJSON", "Crs", "collection", "features_of", "place_of", "placed"]
+__all__ = ["GEOJSON", "PLAN_METRES", "Crs", "collection", "features_of", "place_of", "placed"]
 
 GEOJSON = "application/geo+json"
 Crs = Literal["plan", "wgs84"]
 Points = list[tuple[float, float]]
+
+PLAN_METRES = "plan metres"
+"""What a ``crs`` member calls the plan's coordinates."""
+_NAMES: dict[Crs, tuple[str, ...]] = {
+    "plan": (PLAN_METRES,),
+    "wgs84": ("urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:OGC::CRS84", "OGC:CRS84"),
+}
+"""What a ``crs`` member may say."""
 
 DECIMALS = 8
 """Of degrees: a millimetre."""
@@ -39,11 +47,15 @@ def collection(features: Iterable[dict[str, Any]]) -> bytes:
     return msgspec.json.encode({"type": "FeatureCollection", "features": list(features)})
 
 
-def features_of(document: Any) -> list[dict[str, Any]]:
+def features_of(document: Any, earth: PlanOnEarth | None) -> list[dict[str, Any]]:
     """Return the features of a Feature or FeatureCollection.
 
+    Args:
+        document: what was sent.
+        earth: turns its coordinates into the plan's; None: they are the plan's.
+
     Raises:
-        ProblemError: it is neither.
+        ProblemError: it is neither, or says itself that its coordinates are others.
     """
     kind = document.get("type") if isinstance(document, dict) else None
     if kind == "FeatureCollection":
@@ -59,7 +71,19 @@ def features_of(document: Any) -> list[dict[str, Any]]:
             raise invalid(f"features[{number}].type", "something else", "Feature")
         if not isinstance(feature.get("properties") or {}, dict):
             raise invalid(f"features[{number}].properties", "something else", "an object")
+    for part in (document, *features, *(feature.get("geometry") for feature in features)):
+        if isinstance(part, dict) and part.get("crs") is not None:
+            _check_crs(part["crs"], "plan" if earth is None else "wgs84")
     return features
+
+
+def _check_crs(told: Any, crs: Crs) -> None:
+    """Refuse a ``crs`` member (of the GeoJSON of 2008, which many programs still write) that names another system."""
+    properties = told.get("properties") if isinstance(told, dict) else None
+    name = properties.get("name") if isinstance(properties, dict) else None
+    if not isinstance(name, str) or name not in _NAMES[crs]:
+        found = name[:100] if isinstance(name, str) else "one without a name"
+        raise invalid("crs", found, f"none, or {' or '.join(_NAMES[crs])}, as the query says: crs={crs}")
 
 
 def feature(

@@ -19,7 +19,7 @@ from services.api.auth import Holder, presented_key, too_many
 from services.api.examples import EXAMPLES
 from services.api.openapi import GONE, documented, errors
 from services.api.problems import Problem, ProblemError
-from services.api.request_body import described, read_body, read_object
+from services.api.request_body import described, read_struct
 from shared.client_address import source_of
 from shared.rate_limiter import RateLimiter
 
@@ -94,7 +94,7 @@ def session_routes(accounts: Accounts, dashboard_key: SecretStr | None) -> APIRo
     )
     async def sign_in(request: Request) -> Response:
         """Sign in; needs no key. After ten wrong passwords for a name from one address, or a hundred from it: wait."""
-        told = read_object(await read_body(request, LARGEST), Credentials, "user and password")
+        told = await read_struct(request, Credentials, LARGEST, "user and password")
         role = await role_of(request, told.user, told.password)
         made = await run_in_threadpool(accounts.sign_in, told.user, role)
         return _json(
@@ -124,7 +124,7 @@ def session_routes(accounts: Accounts, dashboard_key: SecretStr | None) -> APIRo
         """Change one's own password; all sign-ins of that name end, this one too."""
         holder: Holder = request.state.holder
         _only_people(holder)
-        told = read_object(await read_body(request, LARGEST), NewPassword, "password and new_password")
+        told = await read_struct(request, NewPassword, LARGEST, "password and new_password")
         await role_of(request, holder.name, told.password)
         await run_in_threadpool(accounts.change, holder.name, None, told.new_password)
         return _json(Session(name=holder.name, role=holder.role, scopes=[], expires=None))

@@ -52,7 +52,7 @@ class Kind(Generic[D]):
             ProblemError: something does not fit; nothing of it is to be taken.
         """
         told = read_json(body, self.allowed)
-        parts = [self.undraw(one, earth) for one in features_of(told)] if geojson else [told]
+        parts = [self.undraw(one, earth) for one in features_of(told, earth)] if geojson else [told]
         if path_id is not None and len(parts) != 1:
             raise invalid("features", f"{len(parts)}", "one")
         definitions = []

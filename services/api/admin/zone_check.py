@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import shapely
 
 from services.api.request_body import invalid
 from shared.zones import ZoneDefinition, ZoneRule
 
-__all__ = ["MOST_ZONES", "check_floor", "check_zone"]
+__all__ = ["MOST_POINTS", "MOST_ZONES", "check_all", "check_floor", "check_zone"]
 
 MOST_ZONES = 2000
+MOST_POINTS = 100_000
+"""Of all zones together: everybody who reads the zones is sent them."""
 FARTHEST = 10_000.0
 """Metres from the plan's zero."""
 SMALLEST = 0.01
@@ -42,6 +44,17 @@ def check_zone(zone: ZoneDefinition, floors: Mapping[str, shapely.Polygon]) -> N
         if names.index(rule.id) != number:
             raise invalid(f"rules[{number}].id", f"{rule.id} twice", "ids that differ within a zone")
         _check_rule(rule, zone.shape == "line", f"rules[{number}]")
+
+
+def check_all(before: Iterable[ZoneDefinition], after: Iterable[ZoneDefinition]) -> None:
+    """Accept a change of all zones; what is fewer than before is accepted, however much is left.
+
+    Raises:
+        ProblemError: they would have too many points.
+    """
+    points = sum(len(zone.points) for zone in after)
+    if points > MOST_POINTS and points > sum(len(zone.points) for zone in before):
+        raise invalid("points", f"{points} in all zones together", f"at most {MOST_POINTS} in all zones together")
 
 
 def check_floor(floor: str, floors: Mapping[str, shapely.Polygon]) -> shapely.Polygon:

@@ -1,5 +1,6 @@
 """Who may come in beside the keys of the settings, how often, and what is written down about it."""
 
+import asyncio
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -291,7 +292,7 @@ def test_an_erased_phone_is_another_name_in_log_and_rules_and_stays_one(here: Ap
     here.admin.erase("phone-1")
     assert here.admin.keep() is None
     assert here.erased == [], "the map still shows the rules as they were"
-    here.admin.follow_zones()
+    asyncio.run(here.admin.follow_zones())
     assert here.admin.keep() is None
     assert here.erased == ["phone-1"]
     here.client.put(path, json=zone | {"name": "Of a page that was open before"})
@@ -361,3 +362,10 @@ def test_nobody_is_looked_up_unseen_when_the_log_cannot_be_written(here: Api, mo
 def test_the_demo_key_still_may_do_everything(here: Api) -> None:
     assert here.client.get("/v1/session", headers=DEMO).json()["role"] is None
     assert here.client.post("/v1/zones", json=ZONE).status_code == 201
+
+
+def test_placing_access_points_needs_to_read_the_site_and_to_set_it_up(tmp_path: Path) -> None:
+    with api(tmp_path) as here:
+        for scopes, status in ((["setup"], 403), (["site"], 403), (["setup", "site"], 422)):
+            shown = {"Authorization": f"Bearer {issue(here, scopes=scopes)['key']}"}
+            assert here.client.post("/v1/access-points", content=b"{}", headers=shown).status_code == status
