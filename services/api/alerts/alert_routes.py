@@ -20,6 +20,7 @@ from services.api.openapi import documented
 from services.api.problems import Problem, ProblemError, unknown
 from services.api.request_body import described, invalid, read_body, read_object
 from services.api.stream import Hub
+from services.api.times import TIME, Time
 from shared.keys import is_identifier
 from shared.messages import AlertKind
 from shared.site import Site
@@ -49,10 +50,8 @@ def alert_routes(
 
     @router.get("", responses=documented(Alerts, 404, 422, 503))
     def alerts(
-        since: Annotated[
-            float | None, Query(allow_inf_nan=False, description="only alerts measured after this time")
-        ] = None,
-        until: Annotated[float | None, Query(allow_inf_nan=False, description="and no later than this")] = None,
+        since: Annotated[Time | None, Query(description=f"only alerts measured after this time, {TIME}")] = None,
+        until: Annotated[Time | None, Query(description="and no later than this")] = None,
         zone: Annotated[str | None, Query(description="only this zone")] = None,
         area: Annotated[str | None, Query(description="only this area")] = None,
         device: Annotated[str | None, Query(description="only alerts about this device")] = None,

@@ -1,18 +1,23 @@
 """Filters, pages and tags of the reads: as one by one, none twice, none missed."""
 
 import math
+import re
 import time
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pytest
 from api_app import Api, api, hall
+from fastapi import FastAPI, Query
+from fastapi.testclient import TestClient
 from hypothesis import given
 from hypothesis import strategies as st
+from starlette.testclient import WebSocketDenialResponse
 from waiting import wait_until
 
 from services.api.place_filter import Place
 from services.api.row_filters import Wanted, select
+from services.api.times import Time
 from services.api.zones_drawn import ZonesDrawn, zones_of
 
 PEOPLE = [("a", 10.0, 1.0), ("b", 10.0, 7.0), (None, 11.0, 1.0), ("c", 2.0, 11.0), (None, 3.0, 11.0)]
@@ -176,3 +181,46 @@ def test_what_one_origin_is_told_no_other_request_gets(tmp_path: Path) -> None:
         asked = {"Origin": "https://map.example.org", "Access-Control-Request-Method": "PUT", "Authorization": ""}
         allowed = here.client.options("/v1/zones/a", headers=asked | {"Access-Control-Request-Headers": "if-match"})
         assert allowed.status_code == 200
+
+
+def test_no_route_passes_over_a_parameter_it_does_not_know(here: Api) -> None:
+    paths = here.client.get("/openapi.json").json()["paths"]
+    for path, operations in paths.items():
+        for method in operations:
+            told = here.client.request(method, re.sub(r"{\w+}", "hall", path), params={"zones": "entrance"})
+            assert (told.status_code, told.json()["field"]) == (422, "zones"), (method, path)
+    told = here.client.get("/v1/alerts?kind=cross").json()
+    assert "kinds" in told["allowed"]
+    with (
+        pytest.raises(WebSocketDenialResponse) as refused,
+        here.client.websocket_connect("/v1/ws?kind=alert"),
+    ):
+        pass
+    assert refused.value.status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("1767225600.5", 1767225600.5),
+        ("2026-01-01T00:00:00Z", 1767225600.0),
+        ("2026-01-01T01:00:00.25%2B01:00", 1767225600.25),
+        ("2026-01-01T01:00:00+01:00", 1767225600.0),
+        ("2025-12-31 19:00:00-05:00", 1767225600.0),
+        ("2026-01-01T00:00:00", None),
+        ("2026-13-01T00:00:00Z", None),
+        ("0001-01-01T00:00:00%2B14:00", -62135647200.0),
+        ("2026-01-01", None),
+        ("nan", None),
+        ("yesterday", None),
+    ],
+)
+def test_times_are_seconds_or_rfc_3339(text: str, seconds: float | None) -> None:
+    app = FastAPI()
+
+    @app.get("/")
+    def told(since: Annotated[Time | None, Query()] = None) -> float | None:
+        return since
+
+    answer = TestClient(app).get(f"/?since={text}")
+    assert answer.json() == seconds if seconds is not None else answer.status_code == 422
