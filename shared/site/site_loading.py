@@ -47,7 +47,7 @@ def load_site(path: str | Path) -> Site:
 
 def site_problems(site: Site) -> Iterable[str]:
     """Yield what single fields cannot show: names used twice, names that lead nowhere, cameras that see no floor."""
-    for name in ("floors", "areas", "cameras", "access_points", "zones"):
+    for name in ("floors", "areas", "cameras", "access_points", "zones", "exhibits"):
         counts = Counter(part.id for part in getattr(site, name))
         yield from (
             f"{name}: id {key!r} is used {count} times, ids must differ" for key, count in counts.items() if count > 1
@@ -69,7 +69,7 @@ def site_problems(site: Site) -> Iterable[str]:
                 yield f"floors[{index}].obstacles: id {key!r} is used {count} times, ids must differ"
     floors = {floor.id for floor in site.floors}
     areas = {area.id for area in site.areas}
-    for name in ("areas", "access_points", "zones"):
+    for name in ("areas", "access_points", "zones", "exhibits"):
         for index, part in enumerate(getattr(site, name)):
             if part.floor not in floors:
                 yield f"{name}[{index}].floor: {part.floor!r} is no floor; allowed: {', '.join(sorted(floors))}"

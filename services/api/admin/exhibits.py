@@ -12,9 +12,10 @@ from msgspec import Meta
 
 from services.api.admin.zone_check import FARTHEST, check_floor
 from services.api.request_body import invalid
+from shared.site import Site
 from shared.zones import Id
 
-__all__ = ["MOST_EXHIBITS", "ExhibitDefinition", "check_exhibit"]
+__all__ = ["MOST_EXHIBITS", "ExhibitDefinition", "check_exhibit", "exhibits_of"]
 
 MOST_EXHIBITS = 5000
 
@@ -31,6 +32,22 @@ class ExhibitDefinition(msgspec.Struct, frozen=True, kw_only=True):
     """Metres from which it is looked at, at most."""
     facing: Annotated[float, Meta(ge=-360.0, le=360.0)] | None = None
     """Where its front looks, degrees counter-clockwise from the plan's +x; null: it has no back."""
+
+
+def exhibits_of(site: Site) -> list[ExhibitDefinition]:
+    """Return the exhibits of a site file."""
+    return [
+        ExhibitDefinition(
+            id=one.id,
+            name=one.name,
+            floor=one.floor,
+            x=one.position[0],
+            y=one.position[1],
+            reach=one.reach,
+            facing=one.facing,
+        )
+        for one in site.exhibits
+    ]
 
 
 def check_exhibit(exhibit: ExhibitDefinition, floors: Mapping[str, shapely.Polygon]) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from api_app import api, people
+from api_app import api, hall, people
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -112,7 +112,7 @@ def test_as_one_by_one_and_the_same_however_the_plan_is_turned(
 
 
 def test_a_guide_app_is_told_and_the_last_heading_counts_when_the_visitor_stands(tmp_path: Path) -> None:
-    with api(tmp_path) as here:
+    with api(tmp_path, hall(exhibits=[])) as here:
         for name, x, y in (("west", 3.0, 6.0), ("east", 9.0, 6.0)):
             assert here.client.post("/v1/exhibits", json={"id": name, "floor": "ground", "x": x, "y": y}).is_success
         assert here.client.get("/v1/positions/phone-1/exhibits").status_code == 404
@@ -131,7 +131,7 @@ def test_a_guide_app_is_told_and_the_last_heading_counts_when_the_visitor_stands
 
 
 def test_what_was_known_of_a_visitor_grows_old_while_they_stand_and_when_they_are_lost(tmp_path: Path) -> None:
-    with api(tmp_path) as here:
+    with api(tmp_path, hall(exhibits=[])) as here:
         for name, x, y in (("west", 3.0, 6.0), ("east", 9.0, 6.0)):
             assert here.client.post("/v1/exhibits", json={"id": name, "floor": "ground", "x": x, "y": y}).is_success
         now = time.time()
