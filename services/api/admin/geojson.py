@@ -32,7 +32,7 @@ class Drawing:
     geojson: bool
 
 
-def drawing(
+async def drawing(
     request: Request,
     crs: Annotated[Crs, CRS] = "plan",
     format: Annotated[  # noqa: A002
