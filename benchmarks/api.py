@@ -19,9 +19,10 @@ import httpx
 import numpy as np
 from rich.progress import Progress
 
-from benchmarks.api_load import Load, Outcome
+from benchmarks.api_load import Load
 from benchmarks.bare_body import PLAIN
 from benchmarks.experiment import Experiment, ExperimentError, Figures, Options
+from benchmarks.http_askers import Answers
 from benchmarks.unused_port import unused_port
 from services.api.settings import DEMO_KEY
 from shared.bus import Bus, router
@@ -58,9 +59,9 @@ class _Servers:
 def run(options: Options, progress: Progress) -> Figures:
     """Measure both servers in turn, then the API by the clock, then its streams."""
     task = progress.add_task("rounds", total=3 * ROUNDS + 3)
-    ours: list[Outcome] = []
-    theirs: list[Outcome] = []
-    plain: list[Outcome] = []
+    ours: list[Answers] = []
+    theirs: list[Answers] = []
+    plain: list[Answers] = []
     with _servers() as servers:
         for port in (servers.api, servers.bare):
             _send(Load("ask", port, READ, DEMO_KEY, WARM_UP, CONNECTIONS))
@@ -91,7 +92,7 @@ def run(options: Options, progress: Progress) -> Figures:
     }
 
 
-def _send(load: Load) -> Outcome:
+def _send(load: Load) -> Answers:
     """Let a process of its own do what is asked of it.
 
     Raises:
@@ -101,7 +102,7 @@ def _send(load: Load) -> Outcome:
     answer = subprocess.run(command, input=json.dumps(asdict(load)), capture_output=True, text=True, cwd=ROOT)
     if answer.returncode:
         raise ExperimentError(f"the load generator failed: {answer.stderr[-500:]}")
-    outcome = Outcome(**json.loads(answer.stdout))
+    outcome = Answers(**json.loads(answer.stdout))
     if set(outcome.status) != {"200"}:
         raise ExperimentError(f"{load.path}: not all were answered 200: {outcome.status}")
     return outcome

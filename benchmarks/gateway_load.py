@@ -1,23 +1,18 @@
 """Phones that post as fast as they are answered, or by the clock, over plain sockets: a process of its own.
 
-The same generator for every server: bodies are made beforehand but for their stamps, connections are kept, an answer is
-read no further than its status. One JSON object in on standard input, one out on standard output.
+Bodies are made beforehand but for their stamps. One JSON object in on standard input, one out on standard output.
 """
 
 from __future__ import annotations
 
-import asyncio
 import json
 import sys
 import time
-from collections import Counter, deque
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import cast
 
-import numpy as np
 import uvloop
 
+from benchmarks.http_askers import Answers, Askers
 from benchmarks.mall_traces import read_trace
 from benchmarks.reckoning_speed import walking
 from shared.settings import data_folder
@@ -55,35 +50,18 @@ class Load:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
-    """What became of it.
+class Outcome(Answers):
+    """What became of it: batches, and where the next load begins.
 
     Attributes:
-        wanted: batches that were sent or were due.
-        status: answers by status.
-        per_second: answers with 2xx a second.
-        p50_ms: of the times of all batches wanted, from when they were due; one that was never answered took for ever.
-        p99_ms: likewise.
         next_seq: of the next load.
     """
 
-    wanted: int
-    status: dict[str, int]
-    per_second: float
-    p50_ms: float
-    p99_ms: float
     next_seq: int
 
     def unanswered(self) -> int:
         """Return how many batches wanted were never answered."""
         return self.wanted - sum(self.status.values())
-
-
-def percentiles_ms(times: Sequence[float], wanted: int) -> tuple[float, float]:
-    """Return median and 99th percentile, ms, of ``wanted`` times, s; those that are not there are infinite."""
-    every = np.concatenate([times, np.full(wanted - len(times), np.inf)])
-    p50, p99 = np.percentile(every, [50, 99], method="higher") * 1000.0
-    return float(p50), float(p99)
 
 
 def bodies() -> list[bytes]:
@@ -111,38 +89,9 @@ def bodies() -> list[bytes]:
     return made
 
 
-class _Client(asyncio.Protocol):
-    """One connection: a request, its answer, the next."""
+class _Phones:
+    """Makes the requests: phones take turns, each walks on by a second."""
 
-    def __init__(self, load: _Generator) -> None:
-        self._load = load
-        self._due = 0.0
-        self._received = b""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Keep the connection."""
-        self._transport = cast(asyncio.Transport, transport)
-
-    def send(self, due: float) -> None:
-        """Send the next request, which was due at a time of ``perf_counter``."""
-        self._due = due
-        self._transport.write(self._load.request())
-
-    def data_received(self, data: bytes) -> None:
-        """Collect an answer."""
-        self._received += data
-        head = self._received.find(b"\r\n\r\n")
-        if head < 0:
-            return
-        at = self._received.lower().find(b"content-length:", 0, head)
-        length = int(self._received[at + 15 : self._received.index(b"\r\n", at)])
-        if len(self._received) < head + 4 + length:
-            return
-        status, self._received = self._received[9:12].decode(), b""
-        self._load.answered(self, status, self._due)
-
-
-class _Generator:
     def __init__(self, load: Load) -> None:
         self._load = load
         self._bodies = bodies()
@@ -152,14 +101,14 @@ class _Generator:
             for path, token in load.phones
         ]
         self._sent = 0
-        self._idle: deque[_Client] = deque()
-        self._due: deque[float] = deque()
-        self._times: list[float] = []
-        self._status: Counter[str] = Counter()
-        self._end = 0.0
+
+    @property
+    def next_seq(self) -> int:
+        """Of the next load."""
+        return self._load.first_seq + -(-self._sent // len(self._heads))
 
     def request(self) -> bytes:
-        """Return the next request: phones take turns, each walks on by a second."""
+        """Return the next request."""
         turn, phone = divmod(self._sent, len(self._heads))
         self._sent += 1
         seq = self._load.first_seq + turn
@@ -168,59 +117,13 @@ class _Generator:
         body = template.replace(STAMP, b"%.6f" % time.time()).replace(SECOND, second).replace(SEQ, b"%d" % seq)
         return self._heads[phone].format(len(body)).encode() + body
 
-    def answered(self, client: _Client, status: str, due: float) -> None:
-        """Note an answer and let the connection go on."""
-        now = time.perf_counter()
-        self._status[status] += 1
-        self._times.append(now - due)
-        if self._load.per_second:
-            if self._due:
-                client.send(self._due.popleft())
-            else:
-                self._idle.append(client)
-        elif now < self._end:
-            client.send(now)
-
-    async def run(self) -> Outcome:
-        """Send it all and wait for the answers."""
-        loop = asyncio.get_running_loop()
-        load = self._load
-        clients = []
-        for _ in range(load.connections):
-            _, client = await loop.create_connection(lambda: _Client(self), "127.0.0.1", load.port)
-            clients.append(client)
-        begin = time.perf_counter()
-        self._end = begin + load.seconds
-        if load.per_second:
-            self._idle.extend(clients)
-            for k in range(int(load.per_second * load.seconds)):
-                due = begin + k / load.per_second
-                if due > time.perf_counter():
-                    await asyncio.sleep(due - time.perf_counter())
-                if self._idle:
-                    self._idle.popleft().send(due)
-                else:
-                    self._due.append(due)
-        else:
-            for client in clients:
-                client.send(time.perf_counter())
-            await asyncio.sleep(load.seconds)
-        wanted = self._sent + len(self._due)
-        deadline = time.perf_counter() + 10.0
-        while len(self._times) < wanted and time.perf_counter() < deadline:
-            await asyncio.sleep(0.01)
-        taken = sum(count for status, count in self._status.items() if status.startswith("2"))
-        p50, p99 = percentiles_ms(self._times, wanted)
-        last = begin + load.seconds
-        per_second = taken / (max(last, time.perf_counter()) - begin) if load.per_second else taken / load.seconds
-        next_seq = load.first_seq + -(-self._sent // len(self._heads))
-        return Outcome(wanted, dict(self._status), per_second, p50, p99, next_seq)
-
 
 def drive() -> int:
     """Read a load, send it, write what became of it."""
     load = Load(**json.load(sys.stdin))
-    outcome = uvloop.run(_Generator(load).run())
+    phones = _Phones(load)
+    askers = Askers(load.port, phones.request, load.seconds, load.connections, load.per_second)
+    outcome = Outcome(**asdict(uvloop.run(askers.run())), next_seq=phones.next_seq)
     json.dump(asdict(outcome), sys.stdout)
     return 0
 

@@ -288,7 +288,6 @@ def _columns(now: float) -> dict[str, Any]:
         "device",
         "device_since",
         "probability",
-        "sources",
         "quality",
     )
     columns: dict[str, Any] = {name: [row[name] for row in rows] for name in names}

@@ -43,7 +43,6 @@ def without_device(event: str, payload: bytes, device: str) -> bytes | None:
                 device=[None if was else name for was, name in zip(gone, kept.device, strict=True)],
                 device_since=[None if was else t for was, t in zip(gone, kept.device_since, strict=True)],
                 probability=[0.0 if was else p for was, p in zip(gone, kept.probability, strict=True)],
-                sources=[[name for name in names if name != device] for names in kept.sources],
             )
         )
     if event == "revision":

@@ -155,8 +155,6 @@ class TrackColumns(Reply, frozen=True, kw_only=True):
     device_since: list[float | None]
     """Since when it has been this person's, without a break; null where there is none."""
     probability: list[float]
-    sources: list[list[str]]
-    """Cameras that saw the person, and phones that told of them, in the last second."""
     quality: list[float]
     accuracy: list[float]
     """Metres: standard deviation along the direction that is known worst."""

@@ -36,8 +36,8 @@ LARGEST_SEND = 1 << 20
 """Bytes after which a reader is handed what there is so far."""
 LONGEST_LOOK = 500
 """Events after which a reader lets others have their turn, wanted or not."""
-KEY_LOOKED_AT = 1.0
-"""Seconds after which a reader's key is looked at again."""
+KEY_LOOKED_AT, KEY_AT_LATEST = 1.0, 2.0
+"""Seconds after which a reader's key is looked at again, with the next event or without one."""
 _OVERTAKEN = Problem(
     type="urn:atrium:event-gone",
     title="Read too slowly",
@@ -66,12 +66,11 @@ def track_columns(frame: TrackFrame, since: Since) -> TrackColumns:
         state=list(frame.state),
         device=frame.device,
         device_since=[
-            None if device is None else since.get((track, device))
+            None if device is None or (track, device) not in since else round(since[track, device], 1)
             for track, device in zip(frame.track, frame.device, strict=True)
         ],
         probability=frame.probability,
-        sources=frame.sources,
-        quality=frame.quality,
+        quality=[round(quality, 2) for quality in frame.quality],
         accuracy=[accuracy_of(covariance) for covariance in frame.covariance],
     )
 
@@ -86,7 +85,7 @@ class Reader:
         after: id of the event it has read last.
         lossless: whether it is told everything, or of state the newest only.
         keep_alive: seconds of silence after which it is told that there is nothing.
-        refused: says why its key opens nothing any more: the stream ends with it, within a second.
+        refused: says why its key opens nothing any more: the stream ends with it, within two seconds.
     """
 
     def __init__(
@@ -142,7 +141,7 @@ class Reader:
             if not chunk:
                 if self._after == self._log.newest:
                     with contextlib.suppress(TimeoutError):
-                        async with asyncio.timeout_at(min(told + self._keep_alive, looked + KEY_LOOKED_AT)):
+                        async with asyncio.timeout_at(min(told + self._keep_alive, looked + KEY_AT_LATEST)):
                             await self._changed.wait()
                 else:
                     await asyncio.sleep(0)

@@ -40,7 +40,7 @@ EVENT_SCOPES: dict[str, Scope] = {
 _EXAMPLE = (
     '{"area":"hall","t":1767225600.2,"floor":["ground"],"track":[12],"x":[9.41],"y":[3.2],"vx":[0.9],"vy":[0.1],'
     '"state":["confirmed"],"device":["d-7f3a"],"device_since":[1767225561.4],"probability":[0.97],'
-    '"sources":[["d-7f3a","hall-east"]],"quality":[0.9],"accuracy":[0.12]}'
+    '"quality":[0.9],"accuracy":[0.12]}'
 )
 _LINES = {"schema": {"type": "string"}, "example": f'{{"id":1767225600000041,"event":"tracks","data":{_EXAMPLE}}}\n'}
 _EVENTS = {"schema": {"type": "string"}, "example": f"event: tracks\nid: 1767225600000041\ndata: {_EXAMPLE}\n\n"}

@@ -29,12 +29,18 @@ class TrackMemory:
         """
         since: Since = {}
         sources: dict[int, dict[str, float]] = {}
+        now = frame.t
         for track, device, former, fed in zip(frame.track, frame.device, frame.former, frame.sources, strict=True):
-            kept = {name: t for name, t in self._sources.get(track, {}).items() if 0.0 <= frame.t - t <= SOURCES_KEPT}
-            sources[track] = kept | dict.fromkeys(fed, frame.t)
+            lately = sources[track] = self._sources.get(track, {})
+            for name in fed:
+                lately[name] = now
+            for name in [name for name, t in lately.items() if not 0.0 <= now - t <= SOURCES_KEPT]:
+                del lately[name]
             if device is not None:
-                held = (self._since[before, device] for before in (track, *former) if (before, device) in self._since)
-                since[track, device] = min(next(held, frame.t), frame.t)
+                held = self._since.get((track, device))
+                for before in former if held is None else ():
+                    held = self._since.get((before, device), held)
+                since[track, device] = now if held is None else min(held, now)
         self._since, self._sources = since, sources
         return msgspec.structs.replace(frame, sources=[sorted(sources[track]) for track in frame.track]), since
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from benchmarks.gateway_load import Outcome, percentiles_ms
+from benchmarks.gateway_load import Outcome
+from benchmarks.http_askers import percentiles_ms
 
 
 def test_batches_never_answered_take_for_ever() -> None:
