@@ -259,8 +259,10 @@ def test_look_ups_within_a_minute_are_one_row_and_old_rows_are_forgotten(here: A
 
 def test_whom_a_withdrawn_phone_was_looked_up_by_stays_but_not_which_phone(here: Api) -> None:
     here.people(("phone-1", 2.0, 7.0), ("phone-12", 3.0, 7.0))
-    for path in ("/phone-1", "/phone-12", "/phone-1/exhibits", "?device=phone-1", "?device=phone-12"):
+    for path in ("/phone-1", "/phone-12", "/phone-1/exhibits"):
         assert here.client.get(f"/v1/positions{path}").status_code == 200
+    for device in ("phone-1", "phone-12"):
+        assert here.client.get(f"/v1/alerts?device={device}").status_code == 200
     assert here.admin.keep() is None
     here.client.get("/v1/positions/phone-1")
     here.admin.erase("phone-1")
@@ -268,10 +270,10 @@ def test_whom_a_withdrawn_phone_was_looked_up_by_stays_but_not_which_phone(here:
     subjects = sorted(entry["subject"] for entry in here.client.get("/v1/audit").json()["entries"])
     assert subjects == [
         "(erased)",
+        "/v1/alerts?device=phone-12",
         "/v1/positions/(erased)",
         "/v1/positions/(erased)",
         "/v1/positions/phone-12",
-        "/v1/positions?device=phone-12",
     ]
 
 
