@@ -13,7 +13,7 @@ import msgspec
 from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import Response
 
-from services.api.admin.geojson import GEOJSON, Drawing, collection, drawing, feature, placed
+from services.api.admin.geojson import GEOJSON, Drawing, collection, drawing, placed, point
 from services.api.examples import EXAMPLES
 from services.api.live_state import LiveState
 from services.api.openapi import UNCHANGED, documented
@@ -133,11 +133,7 @@ def _quality(row: Track) -> float:
 
 
 def _feature(row: Position | Track, earth: PlanOnEarth | None) -> dict[str, Any]:
-    """Return a person as a Point; what else is known of them are its properties."""
-    properties = msgspec.to_builtins(row)
-    place = (properties.pop("x"), properties.pop("y"))
-    name = row.device if isinstance(row, Position) else f"{row.area}-{row.track}"
-    return feature(name, "Point", [place], properties, earth)
+    return point(row.device if isinstance(row, Position) else f"{row.area}-{row.track}", row, earth)
 
 
 def _geojson(body: dict[str, Any]) -> Response:

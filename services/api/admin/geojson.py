@@ -13,7 +13,19 @@ from fastapi import Query, Request
 from services.api.request_body import invalid
 from shared.site.geographic import PlanOnEarth
 
-__all__ = ["CRS", "GEOJSON", "Crs", "Drawing", "collection", "drawing", "feature", "features_of", "place_of", "placed"]
+__all__ = [
+    "CRS",
+    "GEOJSON",
+    "Crs",
+    "Drawing",
+    "collection",
+    "drawing",
+    "feature",
+    "features_of",
+    "place_of",
+    "placed",
+    "point",
+]
 
 GEOJSON = "application/geo+json"
 Crs = Literal["plan", "wgs84"]
@@ -110,6 +122,13 @@ def feature(
         "geometry": {"type": geometry, "coordinates": coordinates},
         "properties": properties,
     }
+
+
+def point(name: str, told: msgspec.Struct, earth: PlanOnEarth | None) -> dict[str, Any]:
+    """Return something that has a place, ``x`` and ``y``, as a Point; all else that is told of it: its properties."""
+    properties = msgspec.to_builtins(told)
+    properties.pop("id", None)
+    return feature(name, "Point", [(properties.pop("x"), properties.pop("y"))], properties, earth)
 
 
 def place_of(

@@ -11,7 +11,7 @@ import msgspec
 import shapely
 
 from services.api.admin.exhibits import ExhibitDefinition, check_exhibit
-from services.api.admin.geojson import feature, features_of, place_of
+from services.api.admin.geojson import feature, features_of, place_of, point
 from services.api.admin.zone_check import check_zone
 from services.api.request_body import invalid, only_known, read_json
 from shared.site.geographic import PlanOnEarth
@@ -102,9 +102,7 @@ def _undraw_zone(drawn: Feature, earth: PlanOnEarth | None) -> dict[str, Any]:
 
 
 def _draw_exhibit(exhibit: ExhibitDefinition, earth: PlanOnEarth | None) -> Feature:
-    properties = msgspec.to_builtins(exhibit)
-    point = (properties.pop("x"), properties.pop("y"))
-    return feature(properties.pop("id"), "Point", [point], properties, earth)
+    return point(exhibit.id, exhibit, earth)
 
 
 def _undraw_exhibit(drawn: Feature, earth: PlanOnEarth | None) -> dict[str, Any]:
