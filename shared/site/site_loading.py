@@ -10,13 +10,18 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from shared.part_file import PartFileError, read_part_file
 from shared.site.camera_geometry import GeometryError
 from shared.site.setup_file import apply_setup, read_setup, setup_path
 from shared.site.site_file import Site
 
-__all__ = ["SiteError", "load_site", "site_problems"]
+__all__ = ["ON_FLOOR", "SiteError", "load_site", "site_problems"]
+
+
+ON_FLOOR = 1.0
+"""Metres outside a floor at which an exhibit may still hang on its wall."""
 
 
 class SiteError(ValueError):
@@ -73,6 +78,11 @@ def site_problems(site: Site) -> Iterable[str]:
         for index, part in enumerate(getattr(site, name)):
             if part.floor not in floors:
                 yield f"{name}[{index}].floor: {part.floor!r} is no floor; allowed: {', '.join(sorted(floors))}"
+    for index, exhibit in enumerate(site.exhibits):
+        outline = next((shapely.Polygon(floor.outline) for floor in site.floors if floor.id == exhibit.floor), None)
+        if outline is not None and outline.distance(shapely.Point(exhibit.position)) > ON_FLOOR:
+            x, y = exhibit.position
+            yield f"exhibits[{index}].position: ({x:g}, {y:g}) lies nowhere on floor {exhibit.floor!r}"
     for index, camera in enumerate(site.cameras):
         if camera.area not in areas:
             yield f"cameras[{index}].area: {camera.area!r} is no area; allowed: {', '.join(sorted(areas))}"

@@ -13,6 +13,7 @@ from msgspec import Meta
 from services.api.admin.zone_check import FARTHEST, check_floor
 from services.api.request_body import invalid
 from shared.site import Site
+from shared.site.site_loading import ON_FLOOR
 from shared.zones import Id
 
 __all__ = ["MOST_EXHIBITS", "ExhibitDefinition", "check_exhibit", "exhibits_of"]
@@ -60,5 +61,5 @@ def check_exhibit(exhibit: ExhibitDefinition, floors: Mapping[str, shapely.Polyg
     for field, value in (("x", exhibit.x), ("y", exhibit.y)):
         if not math.isfinite(value) or abs(value) > FARTHEST:
             raise invalid(field, f"{value:g}", f"metres on the plan, at most {FARTHEST:g} from its zero")
-    if outline.distance(shapely.Point(exhibit.x, exhibit.y)) > 1.0:
+    if outline.distance(shapely.Point(exhibit.x, exhibit.y)) > ON_FLOOR:
         raise invalid("x, y", f"{exhibit.x:g}, {exhibit.y:g}", f"a place on floor {exhibit.floor}")
