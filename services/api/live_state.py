@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
+from services.api.accuracy import accuracy_of
 from services.api.replies import (
     AreaFreshness,
     CameraReport,
@@ -254,6 +255,7 @@ class LiveState:
             x=frame.x[index],
             y=frame.y[index],
             covariance=frame.covariance[index],
+            accuracy=accuracy_of(frame.covariance[index]),
             vx=frame.vx[index],
             vy=frame.vy[index],
             t=frame.t,
@@ -277,6 +279,7 @@ class LiveState:
                     x=frame.x[i],
                     y=frame.y[i],
                     covariance=frame.covariance[i],
+                    accuracy=accuracy_of(frame.covariance[i]),
                     vx=frame.vx[i],
                     vy=frame.vy[i],
                     t=frame.t,

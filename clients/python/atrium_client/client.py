@@ -118,7 +118,7 @@ class AtriumClient:
             return None
 
     def in_front_of(self, device: str, *, field_of_view: float = 120.0, limit: int = 10) -> InFront | None:
-        """Return the exhibits in front of one visitor, nearest first; None where nobody knows where they are."""
+        """Return what one visitor may be looking at, the likeliest first; None: nobody knows where they are."""
         asked = {"field_of_view": field_of_view, "limit": limit}
         try:
             return self._ask("GET", f"/positions/{_part(device)}/exhibits", InFront, params=asked)

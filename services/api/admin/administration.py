@@ -22,7 +22,7 @@ from services.api.admin.audit_route import audit_route
 from services.api.admin.catalogue import Catalogue, Entry
 from services.api.admin.catalogue_routes import Answers, catalogue_routes
 from services.api.admin.database import migrate, open_admin
-from services.api.admin.exhibits import MOST_EXHIBITS, ExhibitDefinition
+from services.api.admin.exhibits import MOST_EXHIBITS, ExhibitDefinition, exhibits_of
 from services.api.admin.in_front_route import in_front_route
 from services.api.admin.replies import Exhibit, Exhibits
 from services.api.admin.session_routes import session_routes
@@ -82,7 +82,7 @@ class Administration:
         self.zones = Catalogue(
             engine, "zone", ZoneDefinition, zones_of(site), MOST_ZONES, self._publish, self._clean, check_all
         )
-        self.exhibits = Catalogue(engine, "exhibit", ExhibitDefinition, [], MOST_EXHIBITS)
+        self.exhibits = Catalogue(engine, "exhibit", ExhibitDefinition, exhibits_of(site), MOST_EXHIBITS)
         self.accounts = Accounts(engine, settings.session_hours, settings.session_rate)
         self.audit = AuditLog(engine, settings.audit_days, pseudonyms)
         self._erased: deque[str] = deque()

@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
+from fastapi import Query, Request
 
 from services.api.request_body import invalid
 from shared.site.geographic import PlanOnEarth
 
-__all__ = ["GEOJSON", "PLAN_METRES", "Crs", "collection", "features_of", "place_of", "placed"]
+__all__ = [
+    "CRS",
+    "GEOJSON",
+    "PLAN_METRES",
+    "Crs",
+    "Drawing",
+    "collection",
+    "drawing",
+    "feature",
+    "features_of",
+    "place_of",
+    "placed",
+    "point",
+]
 
 GEOJSON = "application/geo+json"
 Crs = Literal["plan", "wgs84"]
+CRS = Query(description="of GeoJSON: plan, metres; wgs84, longitude and latitude, where the site file has an anchor")
 Points = list[tuple[float, float]]
 
 PLAN_METRES = "plan metres"
@@ -27,6 +43,32 @@ _NAMES: dict[Crs, tuple[str, ...]] = {
 
 DECIMALS = 8
 """Of degrees: a millimetre."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How a read wants places told: as GeoJSON or not, and where."""
+
+    crs: Crs
+    geojson: bool
+
+
+async def drawing(
+    request: Request,
+    crs: Annotated[Crs, CRS] = "plan",
+    format: Annotated[  # noqa: A002
+        Literal["json", "geojson"] | None, Query(description=f"of the answer; without it, as Accept says ({GEOJSON})")
+    ] = None,
+) -> Drawing:
+    """Return how a read wants its places told.
+
+    Raises:
+        ProblemError: longitudes are asked for and GeoJSON is not.
+    """
+    geojson = format == "geojson" or (format is None and GEOJSON in request.headers.get("accept", ""))
+    if crs != "plan" and not geojson:
+        raise invalid("crs", crs, f"plan; wgs84 goes with format=geojson or Accept: {GEOJSON}")
+    return Drawing(crs, geojson)
 
 
 def placed(crs: Crs, earth: PlanOnEarth | None) -> PlanOnEarth | None:
@@ -42,9 +84,9 @@ def placed(crs: Crs, earth: PlanOnEarth | None) -> PlanOnEarth | None:
     return earth
 
 
-def collection(features: Iterable[dict[str, Any]]) -> bytes:
-    """Return the body of many features."""
-    return msgspec.json.encode({"type": "FeatureCollection", "features": list(features)})
+def collection(features: Sequence[dict[str, Any]], **beside: Any) -> dict[str, Any]:
+    """Return many features as one thing, and what else is told ``beside`` them."""
+    return {"type": "FeatureCollection", "features": features, **beside}
 
 
 def features_of(document: Any, earth: PlanOnEarth | None) -> list[dict[str, Any]]:
@@ -105,6 +147,13 @@ def feature(
         "geometry": {"type": geometry, "coordinates": coordinates},
         "properties": properties,
     }
+
+
+def point(name: str, told: msgspec.Struct, earth: PlanOnEarth | None) -> dict[str, Any]:
+    """Return something that has a place, ``x`` and ``y``, as a Point; all else that is told of it: its properties."""
+    properties = msgspec.to_builtins(told)
+    properties.pop("id", None)
+    return feature(name, "Point", [(properties.pop("x"), properties.pop("y"))], properties, earth)
 
 
 def place_of(

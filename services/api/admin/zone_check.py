@@ -70,7 +70,7 @@ def check_floor(floor: str, floors: Mapping[str, shapely.Polygon]) -> shapely.Po
 
 def _area(points: list[tuple[float, float]]) -> shapely.Polygon:
     if len(set(points)) < 3:
-        raise invalid("points", f"{len(set(points))} corners", "an area with at least 3 corners")
+        raise invalid("points", f"{len(set(points))} corners", 'an area with at least 3 corners, or "shape": "line"')
     polygon = shapely.Polygon(points)
     if not polygon.is_valid:
         reason = shapely.is_valid_reason(polygon)
@@ -91,8 +91,9 @@ def _line(points: list[tuple[float, float]]) -> shapely.LineString:
 
 def _check_rule(rule: ZoneRule, of_line: bool, field: str) -> None:
     if of_line != (rule.kind == "cross"):
-        allowed = "cross" if of_line else "enter, exit, dwell, crowd, proximity or speed"
-        raise invalid(f"{field}.kind", rule.kind, f"{allowed}, for {'a line' if of_line else 'an area'}")
+        allowed = "cross, for a line" if of_line else "enter, exit, dwell, crowd, proximity or speed, for an area"
+        other = "area" if of_line else "line"
+        raise invalid(f"{field}.kind", rule.kind, f'{allowed}; or with "shape": "{other}"')
     unit = NEED_LIMIT.get(rule.kind)
     if unit is None and rule.limit is not None:
         raise invalid(f"{field}.limit", f"{rule.limit:g}", f"none: {rule.kind} has no limit")

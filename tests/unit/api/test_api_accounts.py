@@ -284,8 +284,9 @@ def test_an_erased_phone_is_another_name_in_log_and_rules_and_stays_one(here: Ap
     zone = ZONE | {"rules": rules}
     path = here.client.post("/v1/zones", json=zone).headers["Location"]
     assert here.client.put(path, json=zone | {"name": "After"}).status_code == 200
-    for look_up in ("/phone-1", "/phone-12", "/phone-1/exhibits", "?device=phone-1", "?device=phone-12"):
-        assert here.client.get(f"/v1/positions{look_up}").status_code == 200
+    look_ups = ("positions/phone-1", "positions/phone-12", "positions/phone-1/exhibits")
+    for look_up in (*look_ups, "alerts?device=phone-1", "alerts?device=phone-12"):
+        assert here.client.get(f"/v1/{look_up}").status_code == 200
     assert here.admin.keep() is None
     here.client.get("/v1/positions/phone-1")
     here.pseudonyms.add("phone-1")
@@ -296,7 +297,7 @@ def test_an_erased_phone_is_another_name_in_log_and_rules_and_stays_one(here: Ap
     assert here.admin.keep() is None
     assert here.erased == ["phone-1"]
     here.client.put(path, json=zone | {"name": "Of a page that was open before"})
-    here.client.get("/v1/positions?device=phone-1")
+    here.client.get("/v1/alerts?device=phone-1")
     name = here.pseudonyms.of("phone-1")
     entries = here.client.get("/v1/audit").json()["entries"]
     assert sorted((entry["action"], entry["subject"], entry["times"]) for entry in entries) == sorted(
@@ -304,8 +305,8 @@ def test_an_erased_phone_is_another_name_in_log_and_rules_and_stays_one(here: Ap
             ("GET", "/v1/positions/phone-12", 1),
             ("GET", f"/v1/positions/{name}", 2),
             ("GET", f"/v1/positions/{name}/exhibits", 1),
-            ("GET", "/v1/positions?device=phone-12", 1),
-            ("GET", f"/v1/positions?device={name}", 2),
+            ("GET", "/v1/alerts?device=phone-12", 1),
+            ("GET", f"/v1/alerts?device={name}", 2),
             ("POST", path, 1),
             ("PUT", path, 1),
             ("PUT", path, 1),

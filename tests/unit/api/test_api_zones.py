@@ -217,7 +217,7 @@ def test_what_is_accepted_on_earth_is_the_zone_on_the_plan(points: list[tuple[fl
 
 
 def test_wgs84_is_refused_where_nobody_knows_where_the_site_is(tmp_path: Path) -> None:
-    with api(tmp_path) as here:
+    with api(tmp_path, hall(anchor=None)) as here:
         reply = here.client.get("/v1/zones?crs=wgs84", headers=AS_GEOJSON)
         assert (reply.status_code, reply.json()["field"]) == (422, "crs")
         assert here.client.get("/v1/zones?crs=wgs84").status_code == 422
@@ -266,9 +266,35 @@ def test_coordinates_that_say_of_themselves_that_they_are_others_are_refused(tmp
         assert sent(here, "urn:ogc:def:crs:OGC:1.3:CRS84", "?crs=wgs84").status_code == 201
 
 
-def test_exhibits_are_kept_like_zones(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("changes", "shape", "ids"),
+    [
+        ({"points": [[1, 1], [4, 4]], "rules": [{"kind": "cross"}]}, "line", ["cross"]),
+        (
+            {"points": [[1, 1], [4, 4], [4, 1]], "rules": [{"kind": "enter"}, {"kind": "exit"}]},
+            "area",
+            ["enter", "exit"],
+        ),
+        (
+            {"rules": [{"kind": "dwell", "limit": limit} for limit in (1, 2, 3)] + [{"id": "dwell", "kind": "enter"}]},
+            "area",
+            ["dwell-2", "dwell-3", "dwell-4", "dwell"],
+        ),
+    ],
+)
+def test_what_a_zone_need_not_say(changes: dict[str, Any], shape: str, ids: list[str]) -> None:
+    told = {name: value for name, value in VAULT.items() if name != "shape"} | changes
+    (zone,) = ZONE.read(json.dumps(told).encode(), FLOORS, geojson=False, earth=None)
+    assert (zone.shape, [rule.id for rule in zone.rules]) == (shape, ids)
+
+
+def test_exhibits_are_kept_like_zones_and_begin_with_the_site_files(tmp_path: Path) -> None:
     vase = {"id": "vase", "name": "Vase", "floor": "ground", "x": 5.0, "y": 4.0, "facing": 90.0}
     with api(tmp_path) as here:
+        beginning = [one["id"] for one in here.client.get("/v1/exhibits").json()["exhibits"]]
+        assert beginning == ["vase", "statue", "model", "cabinet", "globe"]
+        for name in beginning:
+            assert here.client.delete(f"/v1/exhibits/{name}").status_code == 204
         made = here.client.post("/v1/exhibits", json=vase)
         assert made.status_code == 201, made.text
         assert made.json() == vase | {"reach": 8.0, "etag": made.headers["ETag"]}
