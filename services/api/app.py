@@ -91,9 +91,9 @@ def create_app(
     }
     ring = KeyRing(settings.keys, lambda: admin.accounts.holders)
     layers = [
-        Middleware(Guard, ring=ring),
-        Middleware(HotReads, sources=sources),
         Middleware(Audited, audit=admin.audit),
+        Middleware(Guard, ring=ring, note_use=admin.accounts.note_use),
+        Middleware(HotReads, sources=sources, naming=frozenset({"/v1/positions", "/v1/tracks"})),
     ]
     if settings.cors_origins:
         headers = ["Authorization", "X-API-Key", "Last-Event-ID", "Content-Type", "If-Match", "If-None-Match"]
@@ -112,6 +112,7 @@ def create_app(
         version="1",
         lifespan=lifespan,
         middleware=layers,
+        redirect_slashes=False,
         generate_unique_id_function=named,
     )
     tell_problems(app)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from zoneinfo import ZoneInfo
 
 import msgspec
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from services.api.history_formats import CSV, GEOJSON, PARQUET, csv_answer, geojson_answer, parquet_answer
@@ -17,6 +17,7 @@ from services.api.history_link import HistoryLink
 from services.api.history_replies import DwellReport, FlowReport, HeatMapReport, OccupancyReport, TrajectoryReport
 from services.api.openapi import documented
 from services.api.problems import ProblemError, invalid_value, unknown
+from services.api.seen import Seen, saw
 from shared.history_query import (
     STATES,
     AskDwell,
@@ -70,6 +71,7 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
 
     @router.get("/trajectories/{device}", responses=_also(TrajectoryReport, ("geojson", "csv", "parquet")))
     def trajectory(
+        request: Request,
         device: str,
         since: Since = None,
         until: Until = None,
@@ -80,6 +82,7 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
         """Where a device was, at most two days of it: as is known now, revisions applied."""
         if not is_identifier(device):
             raise unknown("device", device)
+        saw(request, Seen((device,)))
         begin, end = _period(since, until, day, zone)
         found = link.answer(AskTrajectory(device=device, since=begin, until=end, step=step), Trajectory)
         columns = _columns(found)

@@ -17,6 +17,7 @@ from services.api.openapi import UNCHANGED, documented
 from services.api.problems import unknown
 from services.api.replies import Device, Devices, Position, Positions, Track, Tracks
 from services.api.row_filters import Wanted, places, select, wanted
+from services.api.seen import ALL, Seen, saw, saw_rows
 from shared.site import Site
 
 __all__ = ["position_routes"]
@@ -38,13 +39,16 @@ def position_routes(site: Site, live: LiveState) -> APIRouter:
         """
         now = time.time()
         if not request.query_params:
+            saw(request, ALL)
             return _body(live.positions_json(now))
         rows, following = _devices(now, asked)
+        saw_rows(request, [row.device for row in rows])
         return _body(msgspec.json.encode(Positions(t=now, positions=rows, next=following)))
 
     @router.get("/positions/{device}", responses=documented(Position, 404))
-    async def position(device: str) -> Response:
+    async def position(request: Request, device: str) -> Response:
         """Where one device is."""
+        saw(request, Seen((device,)))
         found = live.position(device, time.time())
         if found is None:
             raise unknown("device", device)
@@ -62,15 +66,18 @@ def position_routes(site: Site, live: LiveState) -> APIRouter:
             raise unknown("area", area, areas)
         now = time.time()
         if set(request.query_params) <= {"area"}:
+            saw(request, ALL)
             return _body(live.tracks_json(area, now))
         rows, following = select(live.tracks(area, now), asked, live.zones, floors, _track_key, _quality)
+        saw_rows(request, [row.device for row in rows])
         return _body(msgspec.json.encode(Tracks(t=now, tracks=rows, next=following)))
 
     @router.get("/devices", responses=documented(Devices, 404, 422))
-    async def devices(asked: Asked) -> Response:
+    async def devices(request: Request, asked: Asked) -> Response:
         """Every device that is located, or was lately: how surely, how fresh, and in which zones it is."""
         now = time.time()
         rows, following = _devices(now, asked)
+        saw_rows(request, [row.device for row in rows])
         person, zone = live.zones.within(*places(rows))
         names = list(live.zones.ids)
         inside: dict[int, list[str]] = {}

@@ -55,7 +55,13 @@ class ApiService(Service[ApiSettings]):
         self._live = LiveState(site, settings.positions_kept, settings.tracks_kept)
         # Ids go on above those of the process before: nobody makes a million events a second.
         events = EventLog(int(time.time() * 1e6), settings.stream_events, int(settings.stream_megabytes * 2**20))
-        self._hub = Hub(events, settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
+        self._hub = Hub(
+            events,
+            settings.stream_rate,
+            settings.stream_keep_alive,
+            settings.stream_readers,
+            settings.stream_readers_of_one,
+        )
         self._pseudonyms = Pseudonyms()
         own = OwnErasures(("alerts", "books"), Acknowledgements(bus, self.keys, self.name).tell)
         self._alerts = AlertOffice(

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from services.api.admin.catalogue import Catalogue
@@ -18,6 +18,7 @@ from services.api.in_front import in_front
 from services.api.live_state import LiveState
 from services.api.openapi import documented
 from services.api.problems import unknown
+from services.api.seen import Seen, saw
 from shared.site import Site
 
 __all__ = ["in_front_route"]
@@ -30,11 +31,13 @@ def in_front_route(site: Site, live: LiveState, exhibits: Catalogue[ExhibitDefin
 
     @router.get("/positions/{device}/exhibits", tags=["exhibits"], responses=documented(ExhibitsInFront, 404, 422))
     async def exhibits_in_front(
+        request: Request,
         device: str,
         field_of_view: Annotated[float, Query(ge=10.0, le=360.0, description="degrees, the whole of it")] = 120.0,
         limit: Annotated[int, Query(ge=1, le=1000, description="at most this many")] = 10,
     ) -> Response:
         """What is in front of one visitor, nearest first; where nobody knows which way they look, what is near."""
+        saw(request, Seen((device,)))
         now = time.time()
         position = live.position(device, now)
         if position is None:

@@ -12,6 +12,7 @@ from starlette.responses import Response
 
 from services.api.admin.account_replies import Credentials, NewPassword, Session, SignedIn
 from services.api.admin.accounts import Accounts
+from services.api.admin.audit_layer import claimed
 from services.api.admin.roles import SCOPES_OF, Role
 from services.api.auth import Holder, presented_key, too_many
 from services.api.examples import EXAMPLES
@@ -39,7 +40,6 @@ def session_routes(accounts: Accounts) -> APIRouter:
     desk = asyncio.Semaphore(AT_ONCE)
 
     async def role_of(request: Request, name: str, password: str) -> Role:
-        request.state.audit_who = name or "nobody"
         sources = list(zip(rations, (name, request.client.host if request.client else ""), strict=True))
         wait = max(ration.wait(source) for ration, source in sources)
         if wait > 0.0:
@@ -74,7 +74,9 @@ def session_routes(accounts: Accounts) -> APIRouter:
     async def sign_in(request: Request) -> Response:
         """Sign in; needs no key. After ten wrong passwords for one name, or a hundred from one address: wait."""
         told = read_object(await read_body(request, LARGEST), Credentials, "user and password")
+        request.state.audit_who = claimed(told.user)
         role = await role_of(request, told.user, told.password)
+        request.state.audit_who = told.user
         made = await run_in_threadpool(accounts.sign_in, told.user, role)
         return _json(
             SignedIn(token=made.token, user=made.user, role=role, scopes=sorted(SCOPES_OF[role]), expires=made.expires)
@@ -104,6 +106,7 @@ def session_routes(accounts: Accounts) -> APIRouter:
         holder: Holder = request.state.holder
         _only_people(holder)
         told = read_object(await read_body(request, LARGEST), NewPassword, "password and new_password")
+        request.state.audit_who = f"{holder.name} ({holder.id})"
         await role_of(request, holder.name, told.password)
         await run_in_threadpool(accounts.change, holder.name, None, told.new_password)
         return _json(Session(name=holder.name, role=holder.role, scopes=[], expires=None))
