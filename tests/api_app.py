@@ -83,7 +83,7 @@ class Api:
         shutil.copy(_tables(), folder / "alerts.db")
         apart = settings.model_copy(update={"api_database_url": SecretStr(f"sqlite:///{folder}/alerts.db")})
         self.alerts = AlertOffice(apart, site, lambda _: None, lambda _: None)
-        past = HistoryLink(Keys("hall"), lambda *_: None)
+        past = HistoryLink(Keys("hall"), lambda *query: self.ask(*query))
         self.app = create_app(
             settings,
             site,

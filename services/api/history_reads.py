@@ -9,12 +9,13 @@ from typing import Annotated, Any, Literal
 from zoneinfo import ZoneInfo
 
 import msgspec
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import Response
 
 from services.api.history_formats import CSV, GEOJSON, PARQUET, csv_answer, geojson_answer, parquet_answer
 from services.api.history_link import HistoryLink
 from services.api.history_replies import DwellReport, FlowReport, HeatMapReport, OccupancyReport, TrajectoryReport
+from services.api.history_seats import HistorySeats
 from services.api.openapi import documented
 from services.api.problems import ProblemError, invalid_value, unknown
 from services.api.seen import Seen, saw
@@ -65,7 +66,9 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
         link: asks history.
         exhibits: returns the places from which exhibits are looked at.
     """
-    router = APIRouter(prefix="/v1", tags=["history"], default_response_class=Response)
+    # Given back as soon as the answer is made, however slowly it is read.
+    seat = Depends(HistorySeats().taken, scope="function")
+    router = APIRouter(prefix="/v1", tags=["history"], default_response_class=Response, dependencies=[seat])
     zone = ZoneInfo(site.time_zone)
     floors = [floor.id for floor in site.floors]
 
