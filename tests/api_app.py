@@ -78,12 +78,12 @@ class Api:
         self.ask: Callable[[str, float, bytes | None], bytes | None] = lambda *_: None
         empty = HealthReport(t=0.0, status="ok", problems=[], services=[], areas=[], cameras=[])
         link = LearningLink(Keys("hall"), lambda *_: None)
-        hub = Hub(EventLog(1, 1000, 1 << 20), 10.0, 5.0, 10)
+        hub = Hub(EventLog(1, 1000, 1 << 20), 10.0, 5.0, 10, 2)
         # Not in the same file: tests take that away.
         shutil.copy(_tables(), folder / "alerts.db")
         apart = settings.model_copy(update={"api_database_url": SecretStr(f"sqlite:///{folder}/alerts.db")})
         self.alerts = AlertOffice(apart, site, lambda _: None, lambda _: None)
-        past = HistoryLink(Keys("hall"), lambda *_: None)
+        past = HistoryLink(Keys("hall"), lambda *query: self.ask(*query))
         self.app = create_app(
             settings,
             site,

@@ -92,9 +92,9 @@ def create_app(
     }
     ring = KeyRing(settings.keys, lambda: admin.accounts.holders)
     layers = [
-        Middleware(Guard, ring=ring),
-        Middleware(HotReads, sources=sources),
         Middleware(Audited, audit=admin.audit),
+        Middleware(Guard, ring=ring, note_use=admin.accounts.note_use),
+        Middleware(HotReads, sources=sources, naming=frozenset({"/v1/positions", "/v1/tracks"})),
     ]
     if settings.cors_origins:
         headers = ["Authorization", "X-API-Key", "Last-Event-ID", "Content-Type", "If-Match", "If-None-Match"]
@@ -114,6 +114,7 @@ def create_app(
         lifespan=lifespan,
         middleware=layers,
         dependencies=[Depends(only_known_queries)],
+        redirect_slashes=False,
         generate_unique_id_function=named,
     )
     tell_problems(app)

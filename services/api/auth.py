@@ -83,6 +83,11 @@ class Holder:
     role: str | None = None
     """Of a sign-in."""
 
+    @property
+    def account(self) -> str:
+        """What bounds count as one: a key, or a person however often they signed in."""
+        return f"key {self.id or self.name}" if self.role is None else f"user {self.name}"
+
 
 class KeyRing:
     """The keys that open something. Only digests are kept.
@@ -117,8 +122,9 @@ class KeyRing:
 class Guard:
     """ASGI layer that lets a request through only with a key that has the path's scope."""
 
-    def __init__(self, app: ASGIApp, ring: KeyRing) -> None:
+    def __init__(self, app: ASGIApp, ring: KeyRing, note_use: Callable[[Holder], None] = lambda _: None) -> None:
         self._app = app
+        self._note_use = note_use
         self._ring = ring
         # A second's worth of requests at once; each costs its share of a second.
         self._rations = RateLimiter(per_second=1.0, burst=1)
@@ -134,13 +140,14 @@ class Guard:
         headers = {"WWW-Authenticate": 'Bearer realm="atrium"'} if problem and problem.status == 401 else None
         if problem is None and holder is not None and holder.rate is not None:
             cost = min(1.0, 1.0 / holder.rate)
-            wait = self._rations.wait(holder.id, cost)
+            wait = self._rations.wait(holder.account, cost)
             if wait > 0.0:
                 problem, headers = too_many(f"this key may ask {holder.rate:g} times per second", wait)
             else:
-                self._rations.spend(holder.id, 1.0 / holder.rate)
-        if problem is None:
-            connection.setdefault("state", {})["holder"] = holder
+                self._rations.spend(holder.account, 1.0 / holder.rate)
+        connection.setdefault("state", {})["holder"] = holder
+        if problem is None and holder is not None:
+            self._note_use(holder)
             await self._app(connection, receive, send)
             return
         await problem_response(problem, headers)(connection, receive, send)

@@ -14,7 +14,6 @@ from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
-from services.api.audit_hook import audit
 from services.api.auth import Holder
 from services.api.calibration_replies import (
     CALIBRATION_EXAMPLES,
@@ -42,6 +41,7 @@ from services.api.live_state import LiveState
 from services.api.openapi import documented, errors
 from services.api.problems import Problem, ProblemError, unknown
 from services.api.request_body import described, read_struct
+from services.api.seen import Seen, saw
 from services.api.settings import Scope
 from services.api.setup_desk import SetupDesk
 from shared.keys import Keys
@@ -52,6 +52,7 @@ __all__ = ["calibration_routes"]
 
 LARGEST = 1 << 20
 """Bytes of a body."""
+PICTURE = Seen(picture=True)
 PLACED = (
     "Saved, and in use within seconds: nothing need be started again. Fusion of {} begins anew with it: everybody "
     "there gets a new number, and phones find their people again."
@@ -89,8 +90,7 @@ def calibration_routes(
         """Allow stills of a camera for some minutes; the camera's setting allow_stills must be on."""
         _needs(request, "stills")
         _camera(site, camera)
-        with _audited(request, "open stills", camera):
-            answer = link.ask(camera, "open", _name(request))
+        answer = link.ask(camera, "open", _name(request))
         return _json(StillOpened(words=answer.words, until=answer.until))
 
     @router.get("/cameras/{camera}/still", responses=_JPEG | errors(404, 409, 422, 429, 503))
@@ -98,8 +98,8 @@ def calibration_routes(
         """One picture of a camera for its calibration, while stills are open; each is noted with the key's name."""
         _needs(request, "stills")
         _camera(site, camera)
-        with _audited(request, "camera still", camera):
-            answer = link.ask(camera, "look", _name(request))
+        saw(request, PICTURE)
+        answer = link.ask(camera, "look", _name(request))
         headers = {"Cache-Control": "no-store", "X-Atrium-Taken": f"{answer.t:.3f}"}
         return Response(answer.jpeg, media_type="image/jpeg", headers=headers)
 
@@ -113,8 +113,8 @@ def calibration_routes(
         """Find a checkerboard that lies on the floor in the camera's newest picture, while stills are open."""
         _needs(request, "stills")
         _camera(site, camera)
-        with _audited(request, "camera board", camera):
-            answer = link.ask(camera, "board", _name(request), columns, rows)
+        saw(request, PICTURE)
+        answer = link.ask(camera, "board", _name(request), columns, rows)
         return _json(BoardCorners(image_size=(answer.width, answer.height), corners=answer.corners))
 
     @router.get("/cameras/{camera}/calibration", responses=documented(CalibrationView, 404, 409))
@@ -156,8 +156,7 @@ def calibration_routes(
         order = await read_struct(request, CalibrationSave, LARGEST)
 
         def work() -> CalibrationSaved:
-            with _audited(request, "save calibration", camera):
-                return save_calibration(site, desk, live, named, order, _name(request))
+            return save_calibration(site, desk, live, named, order, _name(request))
 
         return _json(await run_in_threadpool(work))
 
@@ -194,9 +193,10 @@ def calibration_routes(
             if name not in known:
                 raise unknown("access point", name, list(known))
 
+        request.state.audit = ", ".join(order.positions)
+
         def work() -> CalibrationSaved:
-            with _audited(request, "place access points", ", ".join(order.positions)[:200]):
-                version = desk.place(order.positions, _name(request))
+            version = desk.place(order.positions, _name(request))
             floors = {known[name].floor for name in order.positions}
             areas = [area.id for area in site.areas if area.floor in floors]
             return CalibrationSaved(words=PLACED.format(", ".join(areas) or "no area"), version=version)
@@ -221,7 +221,6 @@ def _name(request: Request) -> str:
 def _needs(request: Request, scope: Scope) -> None:
     holder: Holder = request.state.holder
     if scope not in holder.scopes:
-        audit(request, f"needs {scope}", request.url.path, "refused")
         what = "see pictures of cameras" if scope == "stills" else "change how the site is set up"
         raise ProblemError(
             Problem(
@@ -234,21 +233,6 @@ def _needs(request: Request, scope: Scope) -> None:
                 allowed=f"a key with the scope {scope}, too",
             )
         )
-
-
-class _audited:  # noqa: N801 - reads like a function where it is used
-    """Notes what came of what is done within the block."""
-
-    def __init__(self, request: Request, action: str, subject: str) -> None:
-        self._told = request, action, subject
-
-    def __enter__(self) -> None:
-        """Begin."""
-
-    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
-        """Note how it ended."""
-        outcome = "done" if error is None else error.problem.title if isinstance(error, ProblemError) else "failed"
-        audit(*self._told, outcome)
 
 
 def _json(body: msgspec.Struct) -> Response:

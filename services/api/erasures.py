@@ -14,6 +14,7 @@ from starlette.responses import Response
 from services.api.auth import Holder
 from services.api.erasure_replies import ErasureReport, Erasures, StoreErased
 from services.api.openapi import accepted, documented
+from services.api.seen import ALL, saw
 from shared.messages import Erasure, ErasureDone
 
 __all__ = ["ErasureBoard", "OwnErasures", "erasure_routes"]
@@ -95,8 +96,9 @@ def erasure_routes(board: ErasureBoard, withdraw: Callable[[str, str], float]) -
     router = APIRouter(prefix="/v1", tags=["privacy"], default_response_class=Response)
 
     @router.get("/erasures", responses=documented(Erasures))
-    def erasures() -> Response:
+    def erasures(request: Request) -> Response:
         """Who withdrew consent in the last 30 days, which stores have erased them, and which have not said so yet."""
+        saw(request, ALL)
         return Response(msgspec.json.encode(board.report(time.time())), media_type="application/json")
 
     @router.delete("/devices/{device}", status_code=202, responses=accepted(ErasureReport, 404, 503))

@@ -11,11 +11,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from services.api.nameless import nameless
 from services.api.replies import TrackColumns
 from shared.erased import Erased
 from shared.messages import Alert, Occupancy, Revision
 
-__all__ = ["Holds", "of_device", "of_place", "of_zone", "without_device"]
+__all__ = ["Holds", "of_device", "of_place", "of_zone", "without_device", "without_names"]
 
 Holds = Callable[[NDArray[np.object_], NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
 """Which of n points (floors; x and y in metres) lie where somebody asks for."""
@@ -51,6 +52,11 @@ def without_device(event: str, payload: bytes, device: str) -> bytes | None:
     if event == "alert":
         return msgspec.json.encode(erased.from_alert(_alert.decode(payload)))
     return payload
+
+
+def without_names(payload: bytes) -> bytes:
+    """Return an alert as those are told it who may not know which phones it is about."""
+    return msgspec.json.encode(nameless(_alert.decode(payload)))
 
 
 def of_device(event: str, payload: bytes, device: str) -> bytes | None:

@@ -9,14 +9,16 @@ from typing import Annotated, Any, Literal
 from zoneinfo import ZoneInfo
 
 import msgspec
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import Response
 
 from services.api.history_formats import CSV, GEOJSON, PARQUET, csv_answer, geojson_answer, parquet_answer
 from services.api.history_link import HistoryLink
 from services.api.history_replies import DwellReport, FlowReport, HeatMapReport, OccupancyReport, TrajectoryReport
+from services.api.history_seats import HistorySeats
 from services.api.openapi import documented
 from services.api.problems import ProblemError, invalid_value, unknown
+from services.api.seen import Seen, saw
 from services.api.times import TIME, Time
 from shared.history_query import (
     STATES,
@@ -63,12 +65,15 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
         link: asks history.
         exhibits: returns the places from which exhibits are looked at.
     """
-    router = APIRouter(prefix="/v1", tags=["history"], default_response_class=Response)
+    # Given back as soon as the answer is made, however slowly it is read.
+    seat = Depends(HistorySeats().taken, scope="function")
+    router = APIRouter(prefix="/v1", tags=["history"], default_response_class=Response, dependencies=[seat])
     zone = ZoneInfo(site.time_zone)
     floors = [floor.id for floor in site.floors]
 
     @router.get("/trajectories/{device}", responses=_also(TrajectoryReport, ("geojson", "csv", "parquet")))
     def trajectory(
+        request: Request,
         device: str,
         since: Since = None,
         until: Until = None,
@@ -79,6 +84,7 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
         """Where a device was, at most two days of it: as is known now, revisions applied."""
         if not is_identifier(device):
             raise unknown("device", device)
+        saw(request, Seen((device,)))
         begin, end = _period(since, until, day, zone)
         found = link.answer(AskTrajectory(device=device, since=begin, until=end, step=step), Trajectory)
         columns = _columns(found)

@@ -13,6 +13,8 @@ from collections.abc import Callable, Mapping
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from services.api.seen import ALL
+
 __all__ = ["HotReads"]
 
 
@@ -52,11 +54,15 @@ _numbers = itertools.count(1)
 class HotReads:
     """ASGI layer that answers ``GET path`` without a query by ``sources[path](now)``, a JSON body with an ETag.
 
-    Whoever names the present tag in ``If-None-Match`` gets 304 and no body. Who accepts GeoJSON is handed on.
+    Whoever names the present tag in ``If-None-Match`` gets 304 and no body. Who accepts GeoJSON is handed on. The audit
+    layer hears of reads of paths in ``naming``, which name people.
     """
 
-    def __init__(self, app: ASGIApp, sources: Mapping[str, Callable[[float], bytes]]) -> None:
+    def __init__(
+        self, app: ASGIApp, sources: Mapping[str, Callable[[float], bytes]], naming: frozenset[str] = frozenset()
+    ) -> None:
         self._app = app
+        self._naming = naming
         run = f"{secrets.token_hex(3)}-"
         self._sources = {path: _Source(build, run) for path, build in sources.items()}
 
@@ -73,6 +79,8 @@ class HotReads:
             elif name == b"accept" and b"geo+json" in value:
                 await self._app(scope, receive, send)
                 return
+        if scope["path"] in self._naming:
+            scope.setdefault("state", {})["audit_seen"] = ALL
         body, headers = source.at(time.time())
         if held is not None and source.tag in [tag.strip().removeprefix(b"W/") for tag in held.split(b",")]:
             await send({"type": "http.response.start", "status": 304, "headers": headers[2:]})

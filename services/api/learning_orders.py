@@ -17,6 +17,7 @@ from services.api.learning_replies import LearningDone, RollBack
 from services.api.openapi import documented, errors
 from services.api.problems import Problem, ProblemError
 from services.api.request_body import described, invalid, read_body, read_json, read_struct
+from services.api.seen import ALL, saw
 from shared.keys import is_identifier
 from shared.learning_command import LearningAnswer, LearningCommand
 from shared.learning_report import ModelKind
@@ -95,6 +96,7 @@ def learning_orders(link: LearningLink) -> APIRouter:
         """Take all active models out, for a copy or another museum."""
         if personal:
             needs(request.state.holder, "positions")
+        saw(request, ALL)
         return Response(
             bytes(order(request, LearningCommand(do="export", personal=personal)).bundle), media_type="application/json"
         )

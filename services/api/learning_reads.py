@@ -24,6 +24,7 @@ from services.api.learning_replies import (
 )
 from services.api.openapi import documented
 from services.api.problems import unknown
+from services.api.seen import ALL, saw
 from shared.learning_command import LearningCommand
 from shared.learning_report import Activation, AreaLessons, ModelKind
 from shared.site import Site
@@ -46,6 +47,8 @@ def learning_reads(site: Site, link: LearningLink) -> APIRouter:
         """What is being learned, all of it; single phones only with a key that may read positions, too."""
         report, holder = link.report(), _holder(request)
         personal = "positions" in holder.scopes
+        if personal:
+            saw(request, ALL)
         return _json(
             Learning(
                 t=report.t,
@@ -90,6 +93,7 @@ def learning_reads(site: Site, link: LearningLink) -> APIRouter:
     def devices(request: Request) -> Response:
         """Each phone's stride line, heading bias and radio offset; needs the scope positions too."""
         needs(_holder(request), "positions")
+        saw(request, ALL)
         report = link.report()
         return _json(LearningDevices(t=report.t, devices=report.devices))
 
@@ -112,6 +116,8 @@ def learning_reads(site: Site, link: LearningLink) -> APIRouter:
     ) -> Response:
         """What went live, what was refused and what was taken back, and why; newest first."""
         personal = "positions" in _holder(request).scopes
+        if personal:
+            saw(request, ALL)
         told = link.history(
             LearningCommand(do="history", kind=kind, subject=subject, before=before, most=limit, personal=personal)
         )

@@ -21,6 +21,7 @@ from services.api.openapi import drawn as drawn_too
 from services.api.problems import unknown
 from services.api.replies import Device, Devices, Position, Positions, Track, Tracks
 from services.api.row_filters import Wanted, places, select, wanted
+from services.api.seen import ALL, Seen, saw, saw_rows
 from shared.site import Site
 from shared.site.geographic import PlanOnEarth
 
@@ -54,15 +55,18 @@ def position_routes(site: Site, live: LiveState) -> APIRouter:
         """
         now = time.time()
         if not request.query_params and not drawn.geojson:
+            saw(request, ALL)
             return _body(live.positions_json(now))
         rows, following = _devices(now, asked)
+        saw_rows(request, [row.device for row in rows])
         if drawn.geojson:
             return _geojson(collection(features(rows, drawn), t=now, next=following))
         return _body(msgspec.json.encode(Positions(t=now, positions=rows, next=following)))
 
     @router.get("/positions/{device}", responses=drawn_too(documented(Position, 404, 422), a_position))
-    async def position(device: str, drawn: Drawn) -> Response:
+    async def position(request: Request, device: str, drawn: Drawn) -> Response:
         """Where one device is."""
+        saw(request, Seen((device,)))
         found = live.position(device, time.time())
         if found is None:
             raise unknown("device", device)
@@ -85,17 +89,20 @@ def position_routes(site: Site, live: LiveState) -> APIRouter:
             raise unknown("area", area, areas)
         now = time.time()
         if set(request.query_params) <= {"area"} and not drawn.geojson:
+            saw(request, ALL)
             return _body(live.tracks_json(area, now))
         rows, following = select(live.tracks(area, now), asked, live.zones, floors, _track_key, _quality)
+        saw_rows(request, [row.device for row in rows])
         if drawn.geojson:
             return _geojson(collection(features(rows, drawn), t=now, next=following))
         return _body(msgspec.json.encode(Tracks(t=now, tracks=rows, next=following)))
 
     @router.get("/devices", responses=documented(Devices, 404, 422))
-    async def devices(asked: Asked) -> Response:
+    async def devices(request: Request, asked: Asked) -> Response:
         """Every device that is located, or was lately: how surely, how fresh, and in which zones it is."""
         now = time.time()
         rows, following = _devices(now, asked)
+        saw_rows(request, [row.device for row in rows])
         person, zone = live.zones.within(*places(rows))
         names = list(live.zones.ids)
         inside: dict[int, list[str]] = {}

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from services.api.event_log import Entry, Framing
-from services.api.event_views import of_device, of_place, of_zone
+from services.api.event_views import of_device, of_place, of_zone, without_names
 from services.api.place_filter import Place
 from services.api.zones_drawn import ZonesDrawn
 
@@ -28,6 +28,7 @@ class Selection:
         confidence: only people tracked with at least this quality.
         zones: returns those that hold now.
         floors: of areas.
+        nameless: whether alerts are told without the names of phones.
     """
 
     events: frozenset[str]
@@ -37,6 +38,7 @@ class Selection:
     confidence: float = 0.0
     zones: Callable[[], ZonesDrawn] = lambda: ZonesDrawn([])
     floors: dict[str, str] = field(default_factory=dict)
+    nameless: bool = False
 
     @property
     def of_cameras(self) -> bool:
@@ -55,6 +57,8 @@ class Selection:
             part = self._there(entry, part)
         if part is None:
             return None
+        if self.nameless and entry.event == "alert":
+            part = without_names(part)
         return entry.framed(framing) if part is payload else framing(entry.id, entry.event, part)
 
     def _there(self, entry: Entry, payload: bytes) -> bytes | None:

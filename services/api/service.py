@@ -61,7 +61,13 @@ class ApiService(Service[ApiSettings]):
         )
         held = settings.stream_events, int(settings.stream_megabytes * 2**20)
         events = EventLog(self._alerts.first_event, *held)
-        self._hub = Hub(events, settings.stream_rate, settings.stream_keep_alive, settings.stream_readers)
+        self._hub = Hub(
+            events,
+            settings.stream_rate,
+            settings.stream_keep_alive,
+            settings.stream_readers,
+            settings.stream_readers_of_one,
+        )
         self._presence = Presence()
         self._told: list[str] = []
         self._learning = LearningLink(self.keys, self._ask_once)

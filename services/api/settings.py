@@ -131,6 +131,9 @@ class ApiSettings(ServiceSettings):
     stream_rate: float = Field(10.0, gt=0, le=100, description="track events per second and area on the stream")
     stream_keep_alive: float = Field(10.0, gt=0, le=300, description="seconds between comments on a silent stream")
     stream_readers: int = Field(1000, ge=1, le=100_000, description="streams open at once; more are answered 503")
+    stream_readers_of_one: int = Field(
+        100, ge=1, le=100_000, description="streams open at once with one key or by one person; more are answered 429"
+    )
     stream_events: int = Field(100_000, ge=10, le=10_000_000, description="newest events held to resume from")
     stream_megabytes: float = Field(64.0, gt=0, le=4096, description="memory that they may take")
     stream_patience: float = Field(

@@ -32,8 +32,8 @@ SKIPPED = Counter("atrium_stream_skipped_total", "Events a slow reader did not g
 DROPPED = Counter("atrium_stream_dropped_total", "Streams ended because the client read too slowly", ["reason"])
 HELD = Gauge("atrium_stream_log_bytes", "Memory the event log may take")
 
-LARGEST_SEND = 1 << 20
-"""Bytes after which a reader is handed what there is so far."""
+LARGEST_SEND = 1 << 17
+"""Bytes after which a reader is handed what there is so far: about what is held for each that reads nothing."""
 LONGEST_LOOK = 500
 """Events after which a reader lets others have their turn, wanted or not."""
 KEY_LOOKED_AT, KEY_AT_LATEST = 1.0, 2.0
@@ -183,14 +183,19 @@ class Hub:
         rate: ``tracks`` events per second and area.
         keep_alive: seconds of silence after which a reader is told that there is nothing.
         most: readers at once.
+        most_of_one: readers at once of one account; as many as there may be unless told.
     """
 
-    def __init__(self, log: EventLog, rate: float, keep_alive: float, most: int) -> None:
+    def __init__(
+        self, log: EventLog, rate: float, keep_alive: float, most: int, most_of_one: int | None = None
+    ) -> None:
         self.log = log
         self._interval = 1.0 / rate
         self._keep_alive = keep_alive
         self._most = most
-        self._readers: set[Reader] = set()
+        self.most_of_one = most if most_of_one is None else min(most, most_of_one)
+        self._readers: dict[Reader, str] = {}
+        """And whose they are."""
         self._next: dict[str, float] = {}
         self._held: dict[str, tuple[TrackFrame, Since]] = {}
         self._closed = False
@@ -201,6 +206,10 @@ class Hub:
         """Whether no further reader is taken now."""
         return self._closed or len(self._readers) >= self._most
 
+    def full_for(self, account: str) -> bool:
+        """Whether no further reader of this key or person is taken now."""
+        return sum(whose == account for whose in self._readers.values()) >= self.most_of_one
+
     def join(
         self,
         selection: Selection,
@@ -208,18 +217,19 @@ class Hub:
         after: int | None = None,
         lossless: bool = False,
         refused: Callable[[], Problem | None] = lambda: None,
+        account: str = "",
     ) -> Reader:
         """Return a new reader of what comes after event ``after``, None: from now on, until its key is refused."""
         behind = self.log.newest if after is None else after
         reader = Reader(self.log, selection, framing, behind, lossless, self._keep_alive, refused)
-        self._readers.add(reader)
+        self._readers[reader] = account
         READERS.inc()
         return reader
 
     def leave(self, reader: Reader) -> None:
         """Forget a reader."""
         if reader in self._readers:
-            self._readers.discard(reader)
+            del self._readers[reader]
             READERS.dec()
 
     def tracks(self, frame: TrackFrame, since: Since) -> None:

@@ -12,13 +12,14 @@ from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
 from services.api.alerts.past_alerts import PastAlerts
-from services.api.auth import Holder, KeyRing, presented_key
+from services.api.auth import Holder, KeyRing, needs, presented_key
 from services.api.event_log import NO_LONGER, NOT_YET, Entry, Framing, ndjson_event
 from services.api.live_state import LiveState
 from services.api.openapi import error
 from services.api.place_filter import NEAR, Place, circle
 from services.api.problems import Problem, ProblemError, problem_response, unknown
 from services.api.request_body import invalid
+from services.api.seen import Seen, saw
 from services.api.selection import Selection
 from services.api.settings import Scope
 from services.api.stream import Hub, Reader
@@ -37,6 +38,8 @@ EVENT_SCOPES: dict[str, Scope] = {
     "occupancy": "site",
 }
 """Every kind of event and the scope it needs."""
+NAMING = frozenset({"tracks", "revision", "alert"})
+"""Those that name phones; to whoever may not read positions alerts name none."""
 _EXAMPLE = (
     '{"area":"hall","t":1767225600.2,"floor":["ground"],"track":[12],"x":[9.41],"y":[3.2],"vx":[0.9],"vy":[0.1],'
     '"state":["confirmed"],"device":["d-7f3a"],"device_since":[1767225561.4],"probability":[0.97],'
@@ -126,10 +129,15 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
             raise invalid("device", repr(device[:64]), "an id: 1 to 64 letters, digits, '_', '.' and '-'")
         place = Place(wanted.zone, None if wanted.near is None else circle(wanted.near), wanted.floor)
         place.check(live.zones, floors)
-        if hub.full:
-            raise _full()
-        events = _events(connection.state.holder, wanted.kinds)
-        selection = Selection(events, area, device, place, wanted.confidence, lambda: live.zones, areas)
+        holder: Holder = connection.state.holder
+        events = _events(holder, wanted.kinds)
+        personal = "positions" in holder.scopes
+        if device is not None:
+            needs(holder, "positions")
+        selection = Selection(events, area, device, place, wanted.confidence, lambda: live.zones, areas, not personal)
+        if personal and events & NAMING:
+            named = () if device is None else (device,)
+            saw(connection, Seen(named, everybody=not named, stream=", ".join(sorted(events))))
         if wanted.since is not None:
             return await resumed(selection, wanted.since)
         last = connection.headers.get("last-event-id", "")
@@ -164,7 +172,10 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
     def opened(connection: HTTPConnection, ask: _Asked, framing: Framing) -> tuple[Reader, list[bytes]]:
         """Return a new reader, and what it is told first: the present, unless it resumes without loss."""
         key = presented_key(connection.scope)
-        reader = hub.join(ask.selection, framing, ask.after, ask.lossless, lambda: ring.refusal(key))
+        holder: Holder = connection.state.holder
+        reader = hub.join(
+            ask.selection, framing, ask.after, ask.lossless, lambda: ring.refusal(key), account=holder.account
+        )
         past = [framed for e in ask.past if (framed := ask.selection.framed(e, framing)) is not None]
         if ask.lossless:
             return reader, past
@@ -180,7 +191,9 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
         return reader, first + [framed for e in wanted if (framed := ask.selection.framed(e, framing)) is not None]
 
     async def answer(request: Request, wanted: _Question, dialect: Dialect) -> Response:
-        reader, first = opened(request, await asked(request, wanted), dialect.framing)
+        ask = await asked(request, wanted)
+        _room(hub, request.state.holder)
+        reader, first = opened(request, ask, dialect.framing)
         return StreamResponse(hub, reader, dialect, first, patience)
 
     @router.get(
@@ -211,6 +224,7 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
         """Send the same as text messages, one event each."""
         try:
             ask = await asked(websocket, wanted)
+            _room(hub, websocket.state.holder)
         except ProblemError as refused:
             await websocket.send_denial_response(problem_response(refused.problem, refused.headers))
             return
@@ -272,13 +286,21 @@ def _is_number(text: str) -> bool:
     return text.isascii() and text.isdigit() and len(text) <= 18
 
 
-def _full() -> ProblemError:
-    return ProblemError(
-        Problem(
-            type="urn:atrium:too-many-streams",
-            title="Too many streams",
-            status=503,
-            detail="as many streams are open as this server takes; try again later",
-        ),
-        {"Retry-After": "5"},
-    )
+def _room(hub: Hub, holder: Holder) -> None:
+    """Let one more stream be opened.
+
+    Raises:
+        ProblemError: as many are open as one holder may have, or as there may be.
+    """
+    status = 503 if hub.full else 429 if hub.full_for(holder.account) else None
+    if status is not None:
+        words = "this server takes" if status == 503 else f"one key or person may have ({hub.most_of_one})"
+        raise ProblemError(
+            Problem(
+                type="urn:atrium:too-many-streams",
+                title="Too many streams",
+                status=status,
+                detail=f"as many streams are open as {words}; try again later",
+            ),
+            {"Retry-After": "5"},
+        )

@@ -183,9 +183,9 @@ def test_clicks_on_a_real_frame_calibrate_the_camera_within_ten_centimetres(
     assert len(browser.find_elements(By.CSS_SELECTOR, "#setup-pairs tr")) == count - 1
     severe = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]  # type: ignore[attr-defined]
     assert severe == []
-    log = (system.folder / "services.api.log").read_text(encoding="utf-8")
-    assert "camera still" in log
-    assert "save calibration" in log
+    audit = httpx.get(f"{system.api}/v1/audit", headers={"X-API-Key": "demo-api-key"}, timeout=10).json()
+    deeds = {(deed["action"], deed["subject"].rpartition("/")[2]) for deed in audit["entries"]}
+    assert {("GET", "still"), ("POST", "calibration")} <= deeds
 
 
 def test_positions_become_right_without_any_start(system: System, feet: Feet) -> None:

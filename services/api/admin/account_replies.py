@@ -54,6 +54,8 @@ class Key(Reply, frozen=True, kw_only=True):
     rate: float
     created: float
     expires: float | None
+    last_used: float | None
+    """To the hour; null: not yet."""
 
 
 class OneKey(Reply, frozen=True, kw_only=True):
@@ -65,6 +67,7 @@ class OneKey(Reply, frozen=True, kw_only=True):
     rate: float
     created: float
     expires: float | None
+    last_used: float | None
     key: str
 
 

@@ -31,6 +31,11 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
     """Return the routes; ``key_rate`` is that of keys that name none."""
     router = APIRouter(prefix="/v1", tags=["accounts"], default_response_class=Response)
 
+    def may_change(holder: Holder, name: str) -> None:
+        for user in accounts.users():
+            if user.name == name:
+                _may_give(holder, user.role)
+
     @router.get("/keys", responses=documented(Keys, 503))
     def keys() -> Response:
         """The keys that were issued; never their secrets."""
@@ -55,9 +60,12 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
         request.state.audit = f"issued to {key.name}: {' '.join(scopes)}"
         return _json(OneKey(**vars(key), key=secret), 201, {"Location": f"/v1/keys/{key.id}"})
 
-    @router.delete("/keys/{key}", status_code=204, responses=GONE | errors(404, 503))
-    def revoke(key: str) -> Response:
-        """Let a key open nothing any more, from now on."""
+    @router.delete("/keys/{key}", status_code=204, responses=GONE | errors(403, 404, 503))
+    def revoke(key: str, request: Request) -> Response:
+        """Let a key open nothing any more, from now on; it may open nothing that yours does not."""
+        for issued in accounts.issued():
+            if issued.id == key:
+                _not_more_than_own(request.state.holder, frozenset(issued.scopes), "key")
         accounts.revoke(key)
         return Response(status_code=204)
 
@@ -82,7 +90,7 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
 
     @router.put(
         "/users/{name}",
-        responses=documented(StaffMember, 404, 413, 422, 503),
+        responses=documented(StaffMember, 404, 409, 413, 422, 503),
         openapi_extra=described(UserChange, EXAMPLES[UserChange]),
     )
     async def change(name: str, request: Request) -> Response:
@@ -90,19 +98,18 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
         wanted = await read_struct(request, UserChange, LARGEST, "role, password, or both")
         if wanted.role is None and wanted.password is None:
             raise invalid("body", "nothing to change", "role, password, or both")
-        for user in await run_in_threadpool(accounts.users):
-            if user.name == name:
-                # Whoever sets a password has what it opens.
-                _may_give(request.state.holder, user.role)
+        # Whoever sets a password has what it opens.
+        await run_in_threadpool(may_change, request.state.holder, name)
         if wanted.role is not None:
             _may_give(request.state.holder, wanted.role)
         changed = await run_in_threadpool(accounts.change, name, wanted.role, wanted.password)
         request.state.audit = f"role {wanted.role or 'as before'}, password {'new' if wanted.password else 'as before'}"
         return _json(StaffMember(**vars(changed)))
 
-    @router.delete("/users/{name}", status_code=204, responses=GONE | errors(404, 503))
-    def shut_out(name: str) -> Response:
-        """Take somebody out; their sign-ins end at once."""
+    @router.delete("/users/{name}", status_code=204, responses=GONE | errors(403, 404, 409, 503))
+    def shut_out(name: str, request: Request) -> Response:
+        """Take somebody out who may do nothing that you may not; their sign-ins end at once. The last admin stays."""
+        may_change(request.state.holder, name)
         accounts.shut_out(name)
         return Response(status_code=204)
 
@@ -121,7 +128,7 @@ def _not_more_than_own(holder: Holder, scopes: frozenset[Scope], field: str) -> 
                 type="urn:atrium:forbidden",
                 title="More than you have",
                 status=403,
-                detail=f"nobody gives away scopes they do not have: {', '.join(beyond)}",
+                detail=f"nobody gives away or takes away scopes they do not have: {', '.join(beyond)}",
                 field=field,
                 found=", ".join(beyond),
                 allowed=", ".join(sorted(holder.scopes)),

@@ -35,6 +35,9 @@ log = structlog.get_logger(__name__)
 
 MOST_KEYS, MOST_USERS, MOST_SESSIONS = 1000, 1000, 20
 """The last of one person; the oldest gives way."""
+HOUR = 3600.0
+LOOKED_AGAIN = 60.0
+"""Seconds after which the database is read again: `atrium staff` may have changed it."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,8 @@ class IssuedKey:
     rate: float
     created: float
     expires: float | None
+    last_used: float | None = None
+    """To the hour; None: not yet."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,9 @@ class SignIn:
     user: str
     role: Role
     expires: float
+
+
+_ADMINS = select(func.count()).select_from(UserRow).where(UserRow.role == "admin")
 
 
 class Accounts:
@@ -89,6 +97,11 @@ class Accounts:
         self._session_rate = session_rate
         self._clock = clock
         self._lock = threading.Lock()
+        self._used: dict[str, float] = {}
+        """When issued keys were used last, to the hour, as far as this process knows."""
+        self._written: dict[str, float] = {}
+        """And what of it is in the database."""
+        self._loaded = 0.0
         self.holders: dict[bytes, Holder] = {}
         """By the digest of key or token."""
         try:
@@ -111,12 +124,34 @@ class Accounts:
 
     def issued(self) -> list[IssuedKey]:
         """Return all keys, the newest first."""
-        rows = self._read(select(KeyRow.id, KeyRow.name, KeyRow.scopes, KeyRow.rate, KeyRow.created, KeyRow.expires))
+        columns = (KeyRow.id, KeyRow.name, KeyRow.scopes, KeyRow.rate, KeyRow.created, KeyRow.expires, KeyRow.last_used)
         keys = [
-            IssuedKey(name, title, _scopes(scopes), rate, created, expires)
-            for name, title, scopes, rate, created, expires in rows
+            IssuedKey(name, title, _scopes(scopes), rate, created, expires, self._used.get(name, used))
+            for name, title, scopes, rate, created, expires, used in self._read(select(*columns))
         ]
         return sorted(keys, key=lambda key: -key.created)
+
+    def note_use(self, holder: Holder) -> None:
+        """Note that a key is used now, to the hour; costs no access to the database."""
+        if holder.id and holder.role is None:
+            self._used[holder.id] = self._clock() // HOUR * HOUR
+
+    def keep(self) -> None:
+        """Write down which keys were used, and see what was changed from the command line; called about once a second.
+
+        Raises:
+            SQLAlchemyError: the database is away.
+        """
+        if self._clock() >= self._loaded + LOOKED_AGAIN:
+            with self._lock:
+                self._load()
+        used = {key: at for key, at in list(self._used.items()) if self._written.get(key) != at}
+        if not used:
+            return
+        with self._engine.begin() as connection:
+            for key, at in used.items():
+                connection.execute(update(KeyRow).where(KeyRow.id == key).values(last_used=at))
+        self._written |= used
 
     def revoke(self, key: str) -> None:
         """Let a key open nothing any more.
@@ -147,7 +182,7 @@ class Accounts:
         """Give one of the staff another role or password; whoever is signed in under the name has to do so again.
 
         Raises:
-            ProblemError: there is nobody of that name, or the database is away.
+            ProblemError: there is nobody of that name, it is the last admin, or the database is away.
         """
         values: dict[str, Any] = {} if role is None else {"role": role}
         if password is not None:
@@ -155,6 +190,7 @@ class Accounts:
         if not self._change(
             update(UserRow).where(UserRow.name == name).values(values or {"name": name}),
             delete(SessionRow).where(SessionRow.user == name),
+            leaves_admins=role is not None,
         ):
             raise unknown("user", name)
         return next(user for user in self.users() if user.name == name)
@@ -163,10 +199,12 @@ class Accounts:
         """Take one of the staff out.
 
         Raises:
-            ProblemError: there is nobody of that name, or the database is away.
+            ProblemError: there is nobody of that name, it is the last admin, or the database is away.
         """
         if not self._change(
-            delete(UserRow).where(UserRow.name == name), delete(SessionRow).where(SessionRow.user == name)
+            delete(UserRow).where(UserRow.name == name),
+            delete(SessionRow).where(SessionRow.user == name),
+            leaves_admins=True,
         ):
             raise unknown("user", name)
 
@@ -206,14 +244,19 @@ class Accounts:
         with database_away(self._engine), self._engine.connect() as connection:
             return list(connection.execute(statement).all())
 
-    def _change(self, first: Any, *others: Any, most: tuple[Any, int, str] | None = None) -> int:
+    def _change(
+        self, first: Any, *others: Any, most: tuple[Any, int, str] | None = None, leaves_admins: bool = False
+    ) -> int:
         """Make the changes as one, then let the guard see them; return how many rows the first one touched."""
         with self._lock, database_away(self._engine):
             try:
                 with self._engine.begin() as connection:
                     if most is not None and (connection.scalar(most[0]) or 0) >= most[1]:
                         raise _refused("full", "Too many", f"there are {most[1]} {most[2]}s already, no more are kept")
+                    admins = connection.scalar(_ADMINS) if leaves_admins else 0
                     touched: int = connection.execute(first).rowcount
+                    if admins and not connection.scalar(_ADMINS):
+                        raise _refused("last-admin", "Last admin", "let another admin in first")
                     for statement in others:
                         connection.execute(statement)
                 self._load()
@@ -245,6 +288,7 @@ class Accounts:
                     role=role,
                 )
         self.holders = holders
+        self._loaded = self._clock()
 
 
 def _scopes(text: str) -> list[Scope]:

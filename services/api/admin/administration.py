@@ -161,6 +161,7 @@ class Administration:
                 self.zones.clean()
                 self.audit.erase(erased)
             self.audit.keep()
+            self.accounts.keep()
         except SQLAlchemyError as error:
             return unreachable(self.engine, error)
         except ProblemError as error:

@@ -1,35 +1,40 @@
 """Every change and every look-up goes by here, so that no route can forget to write it down.
 
-An ASGI layer behind the keys and the hot reads: what tells of nobody in particular costs nothing.
+An ASGI layer around all others. Routes say what their answers tell of people (``services.api.seen``).
 """
 
 from __future__ import annotations
 
 import asyncio
-from urllib.parse import parse_qs
+from typing import Any
 
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from services.api.admin.audit_log import AuditLog, Deed
+from services.api.admin.audit_log import HOUR, MINUTE, AuditLog, Deed
+from services.api.auth import Holder
 from services.api.problems import Problem, ProblemError, problem_response
+from services.api.seen import Seen
+from shared.keys import is_identifier
 
-__all__ = ["LOOK_UPS", "QUERY", "Audited"]
+__all__ = ["Audited", "claimed"]
 
 log = structlog.get_logger(__name__)
 
 READS = frozenset({"GET", "HEAD", "OPTIONS"})
-LOOK_UPS = ("/v1/positions/", "/v1/trajectories/")
-"""Below these somebody asks for one person's phone."""
-QUERY = "?device="
-"""And where it stands in a query: of a stream, or of the past."""
-ANSWERS = frozenset({"http.response.start", "websocket.accept"})
-EXPORTS = frozenset({"/v1/learning/export"})
+ANSWERS = frozenset({"http.response.start", "websocket.accept", "websocket.http.response.start"})
+LONGEST_CLAIM = 64
+
+
+def claimed(name: str) -> str:
+    """Return how the log calls somebody who says to be ``name`` and has not shown it."""
+    plain = "".join(letter if letter.isprintable() and letter != '"' else "�" for letter in name[:LONGEST_CLAIM])
+    return f'somebody who says "{plain}"'
 
 
 class Audited:
-    """ASGI layer that writes down changes, look-ups, and pictures of cameras that were answered, and failed sign-ins.
+    """ASGI layer that writes down changes, look-ups, pictures of cameras, and attempts that were refused.
 
     A route may leave words in ``request.state.audit`` (what there was before), and ``request.state.audit_who``.
     """
@@ -43,51 +48,76 @@ class Audited:
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
-        path = scope["path"]
-        read = scope.get("method", "GET") in READS
-        picture = read and path.startswith("/v1/cameras/") and path.endswith("/still")
-        device = _device(scope["query_string"])
-        if read and not (picture or device or path in EXPORTS or path.startswith(LOOK_UPS)):
-            await self._app(scope, receive, send)
-            return
         refused = False
+        opened: list[Deed] = []
 
         async def noted(message: Message) -> None:
             nonlocal refused
             if message["type"] in ANSWERS:
-                problem = await self._note(scope, message, device, soon=read and not picture)
-                if problem is not None and read and scope["type"] == "http":
+                problem, headers = await self._note(scope, message, opened)
+                if problem is not None:
                     refused = True
-                    await problem_response(problem, {"Retry-After": "5"})(scope, receive, send)
+                    await problem_response(problem, headers)(scope, receive, send)
             if not refused:
                 await send(message)
 
-        await self._app(scope, receive, noted)
-
-    async def _note(self, scope: Scope, message: Message, device: str, *, soon: bool) -> Problem | None:
-        """Write it down; return why it could not be."""
-        status: int = message.get("status", 101)
-        if status >= 400 and not (scope["path"] == "/v1/session" and status == 401):
-            return None
-        state = scope.get("state", {})
-        holder = state.get("holder")
-        who = state.get("audit_who") or (f"{holder.name} ({holder.id})" if holder and holder.id else "")
-        made = dict(message.get("headers", ())).get(b"location", b"").decode("latin-1")
-        asked = scope["path"] + (f"{QUERY}{device}" if device else "")
-        deed = Deed(
-            who or (holder.name if holder else "somebody"),
-            scope.get("method", "GET"),
-            made or asked,
-            status,
-            state.get("audit", ""),
-        )
         try:
-            if soon:
-                self._audit.look_up(deed)
-            else:
-                await asyncio.to_thread(self._audit.record, deed)
-        except ProblemError as full:
-            return full.problem
+            await self._app(scope, receive, noted)
+        finally:
+            for deed in opened:
+                self._audit.ended(deed)
+
+    async def _note(
+        self, scope: Scope, message: Message, opened: list[Deed]
+    ) -> tuple[Problem | None, dict[str, str] | None]:
+        """Write it down; return why what is asked for cannot be told, because it cannot be written."""
+        status: int = message.get("status", 101)
+        state = scope.get("state", {})
+        holder: Holder | None = state.get("holder")
+        account = "" if holder is None else holder.account
+        who = _who(holder, state)
+        read = scope.get("method", "GET") in READS
+        seen: Seen | None = state.get("audit_seen")
+        if status == 403 and holder is not None:
+            try:
+                self._audit.look_up(_deed(scope, who, status, ""), account)
+            except ProblemError as full:
+                log.warning("a refused request is not in the audit log", who=who, reason=full.problem.detail)
+        elif not read and (status < 400 or (status == 401 and "audit_who" in state)):
+            made = dict(message.get("headers", ())).get(b"location", b"").decode("latin-1") if status == 201 else ""
+            await self._record(_deed(scope, who, status, state.get("audit", ""), made))
+        elif read and seen is not None and (status < 400 or (status == 404 and seen.devices)):
+            if seen.picture:
+                return await self._record(_deed(scope, who, status, "")), {"Retry-After": "5"}
+            try:
+                opened += self._look_up(scope, who, account, status, seen)
+            except ProblemError as full:
+                return full.problem, dict(full.headers or {})
+        return None, None
+
+    def _look_up(self, scope: Scope, who: str, account: str, status: int, seen: Seen) -> list[Deed]:
+        """Count it; return what is to be noted again when it ends.
+
+        Raises:
+            ProblemError: it cannot be.
+        """
+        detail = f"opened: {seen.stream}" if seen.stream else ""
+        deeds = []
+        for device in seen.devices:
+            if not is_identifier(device):
+                continue  # nobody can be meant
+            path = scope["path"]
+            subject = path if device in path.split("/") else f"{path}?device={device}"
+            deeds.append(_deed(scope, who, status, detail, subject))
+        if seen.everybody:
+            deeds.append(_deed(scope, who, status, detail))
+        for deed in deeds:
+            self._audit.look_up(deed, account, MINUTE if seen.devices or seen.stream else HOUR)
+        return deeds if seen.stream else []
+
+    async def _record(self, deed: Deed) -> Problem | None:
+        try:
+            await asyncio.to_thread(self._audit.record, deed)
         except SQLAlchemyError as error:
             log.error("not written into the audit log", deed=deed, reason=str(error).splitlines()[0])
             return Problem(
@@ -99,8 +129,13 @@ class Audited:
         return None
 
 
-def _device(query: bytes) -> str:
-    """Return which device a query names, empty if none."""
-    if b"device=" not in query:
-        return ""
-    return parse_qs(query.decode("latin-1")).get("device", [""])[0]
+def _who(holder: Holder | None, state: dict[str, Any]) -> str:
+    if "audit_who" in state:
+        return str(state["audit_who"])
+    if holder is None:
+        return "somebody"
+    return f"{holder.name} ({holder.id})" if holder.id else holder.name
+
+
+def _deed(scope: Scope, who: str, status: int, detail: str, subject: str = "") -> Deed:
+    return Deed(who, scope.get("method", "GET"), subject or scope["path"], status, detail)

@@ -1,13 +1,16 @@
 """Who changed what, and who looked whom up: written before or as it is answered, kept for a while, read by few.
 
-Changes and pictures are one row each, at once. Look-ups of the same by the same within a minute are one row with a
-count, written within a second: a guide app asks for its visitor every second of an afternoon.
+Changes and pictures are one row each, at once. Look-ups of the same by the same within a minute (reads of everybody:
+within an hour) are one row with a count, written within a second: a guide app asks for its visitor every second of an
+afternoon.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,12 +21,14 @@ from services.api.admin.tables import AuditRow
 from services.api.problems import Problem, ProblemError
 from services.api.pseudonyms import Pseudonyms
 
-__all__ = ["AuditLog", "Deed"]
+__all__ = ["HOUR", "MINUTE", "AuditLog", "Deed"]
 
 MINUTE = 60.0
-MOST_OPEN = 10_000
-"""Look-ups of one minute that are counted apart."""
 HOUR = 3600.0
+MOST_OPEN = 50_000
+"""Look-ups that are counted apart now."""
+MOST_OF_ONE = 5000
+"""Of one key or person: nobody can use up what others need."""
 FEW = 8
 """Devices the database is asked for by name; of more all rows are read once."""
 _TEXTS = (AuditRow.subject, AuditRow.detail)
@@ -43,6 +48,7 @@ class Deed:
 @dataclass
 class _Open:
     since: float
+    account: str = ""
     times: int = 0
     row: int | None = None
     written: int = 0
@@ -67,8 +73,10 @@ class AuditLog:
         self._clock = clock
         self._lock = threading.Lock()
         self._writing = threading.Lock()
-        self._open: dict[tuple[Deed, int], _Open] = {}
-        """By deed and minute."""
+        self._open: dict[tuple[Deed, float, int], _Open] = {}
+        """By deed, seconds that are one row, and which of them."""
+        self._of: Counter[str] = Counter()
+        """How many of these are of an account."""
         self._swept = 0.0
 
     def record(self, deed: Deed) -> None:
@@ -80,29 +88,37 @@ class AuditLog:
         with self._writing, self._engine.begin() as connection:
             connection.execute(insert(AuditRow).values(_row(self._plain(deed), self._clock(), 1)))
 
-    def look_up(self, deed: Deed) -> None:
+    def look_up(self, deed: Deed, account: str = "", span: float = MINUTE) -> None:
         """Count one look-up, to be written soon.
 
+        Args:
+            deed: the look-up.
+            account: whose it is, for the bound of one.
+            span: seconds within which the same is one row.
+
         Raises:
-            ProblemError: too many wait to be written, because the database is away: nobody is to be looked up unseen.
+            ProblemError: this account looks too many up, or too many wait to be written because the database is away:
+                nobody is to be looked up unseen.
         """
         with self._lock:
             now = self._clock()
-            key = (self._plain(deed), int(now // MINUTE))
+            key = (self._plain(deed), span, int(now // span))
             held = self._open.get(key)
             if held is None:
+                if self._of[account] >= MOST_OF_ONE:
+                    raise _too_many(429, "too many different look-ups within a minute", math.ceil(MINUTE))
                 if len(self._open) >= MOST_OPEN:
-                    raise ProblemError(
-                        Problem(
-                            type="urn:atrium:audit-full",
-                            title="Audit log full",
-                            status=503,
-                            detail="look-ups cannot be written down now, so nobody is looked up",
-                        ),
-                        {"Retry-After": "5"},
-                    )
-                held = self._open[key] = _Open(now)
+                    raise _too_many(503, "look-ups cannot be written down now, so nobody is looked up", 5)
+                held = self._open[key] = _Open(now, account)
+                self._of[account] += 1
             held.times += 1
+
+    def ended(self, deed: Deed) -> None:
+        """Note that a stream has ended whose opening was ``deed``; there are no more of these than were opened."""
+        with self._lock:
+            now = self._clock()
+            key = (replace(self._plain(deed), detail="ended"), MINUTE, int(now // MINUTE))
+            self._open.setdefault(key, _Open(now)).times += 1
 
     def keep(self) -> None:
         """Write what waits and forget what is old; called about once a second.
@@ -114,7 +130,7 @@ class AuditLog:
         with self._writing:
             with self._lock:
                 waiting = [
-                    (deed, held, held.times) for (deed, _), held in self._open.items() if held.times > held.written
+                    (deed, held, held.times) for (deed, *_), held in self._open.items() if held.times > held.written
                 ]
             with self._engine.begin() as connection:
                 for deed, held, times in waiting:
@@ -132,8 +148,9 @@ class AuditLog:
                 self._open = {
                     key: held
                     for key, held in self._open.items()
-                    if held.times > held.written or key[1] == int(now // MINUTE)
+                    if held.times > held.written or key[2] == int(now // key[1])
                 }
+                self._of = Counter(held.account for held in self._open.values())
 
     def erase(self, devices: Collection[str]) -> None:
         """Write the pseudonyms of erased devices in the place of their ids: who did what, and when, stays.
@@ -142,7 +159,7 @@ class AuditLog:
             SQLAlchemyError: the database is away.
         """
         with self._lock:
-            self._open = {(self._plain(deed), minute): held for (deed, minute), held in self._open.items()}
+            self._open = {(self._plain(deed), *when): held for (deed, *when), held in self._open.items()}
         self.keep()
         named = select(AuditRow.id, AuditRow.subject, AuditRow.detail)
         if len(devices) <= FEW:
@@ -161,8 +178,9 @@ class AuditLog:
 
     def _plain(self, deed: Deed) -> Deed:
         """Return it without ids of erased devices."""
-        without = self._pseudonyms.without
-        return replace(deed, subject=without(deed.subject), detail=without(deed.detail))
+        subject, detail = self._pseudonyms.without(deed.subject), self._pseudonyms.without(deed.detail)
+        same = subject == deed.subject and detail == deed.detail
+        return deed if same else replace(deed, subject=subject, detail=detail)
 
     def read(
         self,
@@ -202,6 +220,11 @@ def _row(deed: Deed, t: float, times: int) -> dict[str, object]:
         "times": times,
         "detail": _plain(deed.detail, 20_000),
     }
+
+
+def _too_many(status: int, words: str, seconds: int) -> ProblemError:
+    problem = Problem(type="urn:atrium:audit-full", title="Audit log full", status=status, detail=words)
+    return ProblemError(problem, {"Retry-After": str(seconds)})
 
 
 def _plain(text: str, most: int) -> str:

@@ -56,6 +56,7 @@ _KEY: dict[str, Any] = {
     "scopes": ["positions"],
     "rate": 50.0,
     "created": 1767225600.28,
+    "last_used": 1767225600.0,
     "expires": 1798761600.0,
 }
 _USER: dict[str, Any] = {"name": "maria", "role": "curator", "created": 1767225600.28}
@@ -87,7 +88,7 @@ ADMIN_EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
     },
     NewKey: {"name": "guide-app", "scopes": ["positions"], "expires": 4102444800.0, "rate": None},
     Key: _KEY,
-    OneKey: {**_KEY, "key": "atrium-…"},
+    OneKey: {**_KEY, "last_used": None, "key": "atrium-…"},
     Keys: {"t": 1767225600.28, "keys": [_KEY]},
     NewUser: {"name": "maria", "role": "curator", "password": "correct horse battery"},
     UserChange: {"role": "guard", "password": None},

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from services.api.admin.catalogue import Catalogue
@@ -18,6 +18,7 @@ from services.api.in_front import Visitor, in_front
 from services.api.live_state import LiveState
 from services.api.openapi import documented
 from services.api.problems import unknown
+from services.api.seen import Seen, saw
 from shared.site import Site
 
 __all__ = ["in_front_route"]
@@ -30,6 +31,7 @@ def in_front_route(site: Site, live: LiveState, exhibits: Catalogue[ExhibitDefin
 
     @router.get("/positions/{device}/exhibits", tags=["exhibits"], responses=documented(ExhibitsInFront, 404, 422))
     async def exhibits_in_front(
+        request: Request,
         device: str,
         field_of_view: Annotated[
             float,
@@ -38,6 +40,7 @@ def in_front_route(site: Site, live: LiveState, exhibits: Catalogue[ExhibitDefin
         limit: Annotated[int, Query(ge=1, le=1000, description="at most this many")] = 10,
     ) -> Response:
         """What one visitor may be looking at, the most probable first; see probability."""
+        saw(request, Seen((device,)))
         now = time.time()
         position = live.position(device, now)
         if position is None:

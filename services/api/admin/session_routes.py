@@ -14,6 +14,7 @@ from starlette.responses import Response
 
 from services.api.admin.account_replies import Credentials, NewPassword, Session, SignedIn
 from services.api.admin.accounts import Accounts
+from services.api.admin.audit_layer import claimed
 from services.api.admin.roles import SCOPES_OF, Role
 from services.api.auth import Holder, presented_key, too_many
 from services.api.examples import EXAMPLES
@@ -58,7 +59,6 @@ def session_routes(accounts: Accounts, dashboard_key: SecretStr | None) -> APIRo
         return source_of(request.client.host if request.client else "")
 
     async def role_of(request: Request, name: str, password: str) -> Role:
-        request.state.audit_who = name or "nobody"
         # A stranger who guesses must not lock out the one whose name it is: rations of a name are by address, too.
         source = client_of(request)
         sources = list(zip(rations, (f"{source}\n{name}", source), strict=True))
@@ -95,7 +95,9 @@ def session_routes(accounts: Accounts, dashboard_key: SecretStr | None) -> APIRo
     async def sign_in(request: Request) -> Response:
         """Sign in; needs no key. After ten wrong passwords for a name from one address, or a hundred from it: wait."""
         told = await read_struct(request, Credentials, LARGEST, "user and password")
+        request.state.audit_who = claimed(told.user)
         role = await role_of(request, told.user, told.password)
+        request.state.audit_who = told.user
         made = await run_in_threadpool(accounts.sign_in, told.user, role)
         return _json(
             SignedIn(token=made.token, user=made.user, role=role, scopes=sorted(SCOPES_OF[role]), expires=made.expires)
@@ -125,6 +127,7 @@ def session_routes(accounts: Accounts, dashboard_key: SecretStr | None) -> APIRo
         holder: Holder = request.state.holder
         _only_people(holder)
         told = await read_struct(request, NewPassword, LARGEST, "password and new_password")
+        request.state.audit_who = f"{holder.name} ({holder.id})"
         await role_of(request, holder.name, told.password)
         await run_in_threadpool(accounts.change, holder.name, None, told.new_password)
         return _json(Session(name=holder.name, role=holder.role, scopes=[], expires=None))

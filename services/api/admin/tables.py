@@ -48,6 +48,8 @@ class KeyRow(Base):
     """Requests per second."""
     created: Mapped[float] = mapped_column(Float(53))
     expires: Mapped[float | None] = mapped_column(Float(53))
+    last_used: Mapped[float | None] = mapped_column(Float(53))
+    """To the hour."""
 
 
 class UserRow(Base):

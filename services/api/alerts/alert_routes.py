@@ -16,12 +16,15 @@ from starlette.responses import Response
 from services.api.admin.geojson import GEOJSON, Drawing, collection, drawing, placed, point
 from services.api.alerts.alert_replies import Acknowledged, Alerts, InboxAlert, Note
 from services.api.alerts.inbox import AcknowledgedError, AlertInbox, Wanted
+from services.api.auth import needs
 from services.api.database_away import database_away
 from services.api.examples import EXAMPLES
+from services.api.nameless import nameless
 from services.api.openapi import documented
 from services.api.openapi import drawn as drawn_too
 from services.api.problems import Problem, ProblemError, unknown
 from services.api.request_body import described, invalid, read_body, read_object
+from services.api.seen import ALL, Seen, saw, saw_rows
 from services.api.stream import Hub
 from services.api.times import TIME, Time
 from shared.keys import is_identifier
@@ -55,8 +58,13 @@ def alert_routes(
     example = msgspec.convert(EXAMPLES[InboxAlert], InboxAlert)
     as_geojson = collection([point(example.id, example, None)])
 
+    def told(request: Request, alert: InboxAlert) -> InboxAlert:
+        """Which phones it is about only those hear who may read positions."""
+        return alert if "positions" in request.state.holder.scopes else nameless(alert)
+
     @router.get("", responses=drawn_too(documented(Alerts, 404, 422, 503), as_geojson))
     def alerts(
+        request: Request,
         drawn: Annotated[Drawing, Depends(drawing)],
         since: Annotated[Time | None, Query(description=f"only alerts measured after this time, {TIME}")] = None,
         until: Annotated[Time | None, Query(description="and no later than this")] = None,
@@ -76,15 +84,20 @@ def alert_routes(
             ),
         ] = None,
     ) -> Response:
-        """What zones told, newest first; with after, in the order it came, so that nothing is missed."""
+        """What zones told, newest first; with after, in the order it came, so that nothing is missed.
+
+        Which phones it was about (`device`, `other_device`) is told to keys with the scope `positions` too.
+        """
         wanted = Wanted(since, until, zone, area, device, _kinds(kinds), acknowledged)
         with database_away(engine):
             if zone is not None and zone not in zones() and not (is_identifier(zone) and inbox.has_zone(zone)):
                 raise unknown("zone", zone, list(zones())[:100])
             if area is not None and area not in areas:
                 raise unknown("area", area, areas)
-            if device is not None and not is_identifier(device):
-                raise unknown("device", device)
+            if device is not None:
+                needs(request.state.holder, "positions")
+                if not is_identifier(device):
+                    raise unknown("device", device)
             held = ["the id of an alert that is still held", "nothing"]
             cursor = _known("after" if after is not None else "before", after if after is not None else before, held)
             try:
@@ -96,18 +109,22 @@ def alert_routes(
                 raise unknown("after" if after is not None else "before", cursor or "", held) from None
         page = found[:limit]
         following = page[-1].id if len(found) > limit else None
+        saw(request, ALL if device is None else Seen((device,)))
+        rows = [told(request, one) for one in page]
         now = time.time()
         if drawn.geojson:
             on_earth = placed(drawn.crs, earth)
-            body = collection([point(alert.id, alert, on_earth) for alert in page], t=now, next=following)
+            body = collection([point(alert.id, alert, on_earth) for alert in rows], t=now, next=following)
             return Response(msgspec.json.encode(body), media_type=GEOJSON)
-        return _json(Alerts(t=now, alerts=page, next=following))
+        return _json(Alerts(t=now, alerts=rows, next=following))
 
     @router.get("/{alert}", responses=documented(InboxAlert, 404, 503))
-    def alert(alert: str) -> Response:
+    def alert(request: Request, alert: str) -> Response:
         """One alert."""
         with database_away(engine):
-            return _json(_named(alert, inbox.one))
+            found = told(request, _named(alert, inbox.one))
+        saw_rows(request, [found.device, found.other_device])
+        return _json(found)
 
     @router.post(
         "/{alert}/acknowledge",
@@ -140,9 +157,9 @@ def alert_routes(
             ) from error
         log.info("alert acknowledged", alert=seen.id, by=by)
         if seen.acknowledged is not None:
-            told = Acknowledged(id=seen.id, acknowledged=seen.acknowledged)
-            hub.send("acknowledged", seen.id, told, seen.area, seen.zone)
-        return _json(seen)
+            news = Acknowledged(id=seen.id, acknowledged=seen.acknowledged)
+            hub.send("acknowledged", seen.id, news, seen.area, seen.zone)
+        return _json(told(request, seen))
 
     return router
 

@@ -23,10 +23,12 @@ from services.api.alerts.webhook_replies import (
     Webhooks,
 )
 from services.api.alerts.webhook_store import TooManyError, WebhookStore
+from services.api.auth import needs
 from services.api.database_away import database_away
 from services.api.openapi import GONE, created, documented, errors
 from services.api.problems import Problem, ProblemError, unknown
 from services.api.request_body import described, invalid, read_struct
+from services.api.seen import ALL, saw
 from shared.keys import is_identifier
 
 __all__ = ["webhook_routes"]
@@ -65,6 +67,7 @@ def webhook_routes(
             raise unknown("webhook", webhook) from None
 
     async def defined(request: Request) -> WebhookDefinition:
+        needs(request.state.holder, "positions")  # messages name phones
         definition = await read_struct(request, WebhookDefinition, LARGEST, _ALLOWED)
         try:
             await check_url(definition.url, allowed, resolve)
@@ -85,7 +88,10 @@ def webhook_routes(
         openapi_extra=described(WebhookDefinition, _EXAMPLE),
     )
     async def create(request: Request) -> Response:
-        """Have alerts sent to a URL from now on; the answer holds the secret they are signed with, once."""
+        """Have alerts sent to a URL from now on; the answer holds the secret they are signed with, once.
+
+        Needs the scope `positions` too, as alerts name phones.
+        """
         definition = await defined(request)
         by: str = request.state.holder.name
 
@@ -135,11 +141,14 @@ def webhook_routes(
 
     @router.get("/{webhook}/dead", responses=documented(DeadLetters, 404, 422, 503))
     def dead(
+        request: Request,
         webhook: str,
         after: Annotated[int, Query(ge=0, le=2**31 - 1, description="the next page: next of the answer before")] = 0,
         limit: Annotated[int, Query(ge=1, le=1000, description="at most this many")] = 100,
     ) -> Response:
-        """What a webhook never took, oldest first, and why."""
+        """What a webhook never took, oldest first, and why; needs the scope `positions` too, as it names phones."""
+        needs(request.state.holder, "positions")
+        saw(request, ALL)
         found = asked(webhook, lambda name: store.dead(name, after, limit + 1))
         following = found[limit - 1].id if len(found) > limit else None
         return _json(DeadLetters(t=time.time(), dead=found[:limit], next=following))

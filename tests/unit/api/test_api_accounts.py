@@ -114,6 +114,9 @@ def test_nobody_gives_away_more_than_they_have(here: Api) -> None:
     assert here.client.put("/v1/users/x", json={"role": "admin"}, headers=clerk).status_code == 403
     here.client.post("/v1/users", json=admin | {"name": "boss"})
     assert here.client.put("/v1/users/boss", json={"password": PASSWORD}, headers=clerk).status_code == 403
+    assert here.client.delete("/v1/users/boss", headers=clerk).status_code == 403
+    assert here.client.delete(f"/v1/keys/{issue(here, scopes=['audit'])['id']}", headers=clerk).status_code == 403
+    assert here.client.delete(f"/v1/keys/{issue(here)['id']}", headers=clerk).status_code == 204
     assert here.client.get("/v1/users", headers=bearer(issue(here)["key"])).status_code == 403
 
 
@@ -172,8 +175,10 @@ def test_guessing_is_slowed_down_for_the_name_and_for_the_address(here: Api, mon
     # A busy machine takes seconds for them, and every second second gives a try back.
     assert any(attempt(f"otto-{n}").status_code == 429 for n in range(100))
     every = here.client.get("/v1/audit?action=POST&limit=1000").json()["entries"]
-    noted = [entry for entry in every if not entry["who"].startswith("otto")]
-    assert [(e["who"], e["subject"], e["status"]) for e in noted[:1]] == [("nobody-89", "/v1/session", 401)]
+    noted = [entry for entry in every if "otto" not in entry["who"]]
+    assert [(e["who"], e["subject"], e["status"]) for e in noted[:1]] == [
+        ('somebody who says "nobody-89"', "/v1/session", 401)
+    ]
     assert len(noted) == 100, "what was not tried is not written down"
 
 
@@ -239,9 +244,12 @@ def test_every_change_and_every_look_up_is_written_down_once_with_who_and_what(h
         ("maria", "POST", "/v1/zones/vault", 1),
         ("maria", "PUT", "/v1/zones/vault", 1),
         ("maria", "DELETE", "/v1/zones/vault", 1),
+        (who, "GET", "/v1/positions", 1),
         (who, "GET", "/v1/positions/phone-1", 5),
+        (who, "GET", "/v1/positions/phone-9", 1),
     ]
-    assert '"name":"Vault"' in page["entries"][1]["detail"], "what there was before"
+    deleted = next(entry for entry in page["entries"] if entry["action"] == "DELETE")
+    assert '"name":"Vault"' in deleted["detail"], "what there was before"
     assert PASSWORD not in stored(here)
     assert guide["key"] not in stored(here)
 
@@ -348,16 +356,57 @@ def test_staff_erase_a_phone_with_the_scope_and_hear_when_that_was_not_possible(
     assert (curator.status_code, curator.json()["allowed"]) == (403, "a key with the scope erase")
     deeds = here.client.get("/v1/audit?action=DELETE").json()["entries"]
     assert [(deed["who"].split()[0], deed["subject"], deed["status"]) for deed in deeds] == [
-        ("maria", "/v1/devices/d-1", 202)
-    ] * 2
+        ("otto", "/v1/devices/d-1", 403),
+        *[("maria", "/v1/devices/d-1", 202)] * 2,
+    ]
 
 
 def test_nobody_is_looked_up_unseen_when_the_log_cannot_be_written(here: Api, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("services.api.admin.audit_log.MOST_OPEN", 2)
-    here.people(("a", 2.0, 7.0), ("b", 3.0, 7.0), ("c", 4.0, 7.0))
-    statuses = [here.client.get(f"/v1/positions/{device}").status_code for device in "abca"]
-    assert statuses == [200, 200, 503, 200]
-    assert here.client.get("/v1/positions").status_code == 200
+    monkeypatch.setattr("services.api.admin.audit_log.MOST_OPEN", 3)
+    here.people(("a", 2.0, 7.0), ("b", 3.0, 7.0), ("c", 4.0, 7.0), ("d", 4.0, 8.0))
+    statuses = [here.client.get(f"/v1/positions/{device}").status_code for device in "abdca"]
+    assert statuses == [200, 200, 200, 503, 200]
+    assert here.client.get("/v1/site").status_code == 200
+
+
+def test_the_last_admin_stays(here: Api) -> None:
+    sign_in(here, "admin", "boss")
+    assert here.client.delete("/v1/users/boss").json()["type"] == "urn:atrium:last-admin"
+    assert here.client.put("/v1/users/boss", json={"role": "viewer"}).status_code == 409
+    assert here.client.put("/v1/users/boss", json={"password": PASSWORD}).status_code == 200
+    sign_in(here, "admin", "heir")
+    assert here.client.delete("/v1/users/boss").status_code == 204
+
+
+def test_what_was_changed_from_the_command_line_is_heard_within_a_minute(here: Api) -> None:
+    token, now = sign_in(here), [time.time()]
+    elsewhere = accounts.Accounts(here.admin.engine, 1.0, 1.0)
+    elsewhere.shut_out("maria")
+    here.admin.accounts._clock = lambda: now[0]
+    assert here.admin.keep() is None
+    assert here.client.get("/v1/session", headers=token).status_code == 200
+    now[0] += 61.0
+    assert here.admin.keep() is None
+    assert here.client.get("/v1/session", headers=token).status_code == 401
+
+
+def test_a_key_tells_in_which_hour_it_was_used_last(here: Api, tmp_path: Path) -> None:
+    key = issue(here)
+    assert here.client.get("/v1/keys").json()["keys"][0]["last_used"] is None
+    here.client.get("/v1/positions", headers=bearer(key["key"]))
+    used = here.client.get("/v1/keys").json()["keys"][0]["last_used"]
+    assert (used % 3600.0, -10.0 <= time.time() - used < 3610.0) == (0.0, True)
+    assert here.admin.keep() is None
+    with api(tmp_path) as later:
+        assert later.client.get("/v1/keys").json()["keys"][0]["last_used"] == used
+
+
+def test_all_sign_ins_of_a_person_share_one_ration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.api.admin.passwords.LOG2_N", 4)
+    with api(tmp_path, session_rate=0.25) as here:
+        first, second = sign_in(here), sign_in(here)
+        asked = [here.client.get("/v1/site", headers=token).status_code for token in (first, second)]
+        assert asked == [200, 429]
 
 
 def test_the_demo_key_still_may_do_everything(here: Api) -> None:

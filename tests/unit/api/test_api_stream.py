@@ -208,6 +208,16 @@ def test_people_revisions_and_alerts_are_told_where_they_are_asked_for() -> None
     assert there("alert", came, Place(), confidence=0.5)["id"] == "a-1"
 
 
+def test_who_may_not_read_positions_is_told_alerts_without_names() -> None:
+    log = EventLog(1, 10, 1 << 20)
+    about = msgspec.structs.replace(alert(1), device="phone-1", other_device="phone-2")
+    log.append("alert", "a", "hall", None, msgspec.json.encode(about))
+    for nameless, names in ((True, [None, None]), (False, ["phone-1", "phone-2"])):
+        reader = reader_of(log, Selection(EVERYTHING, nameless=nameless), after=0)
+        (event,) = asyncio.run(waiting(reader))
+        assert [event["data"][name] for name in ("device", "other_device")] == names  # type: ignore[index]
+
+
 def test_a_stream_whose_key_is_revoked_ends_and_says_why() -> None:
     revoked = Problem(type="urn:atrium:unauthorized", title="No valid key", status=401, detail="revoked")
 

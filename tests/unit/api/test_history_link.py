@@ -1,7 +1,13 @@
 """Asking about the past: many readers cost one question, nothing of a device is kept, silence is told as such."""
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
 import msgspec
 import pytest
+from api_app import api
+from waiting import wait_until
 
 from services.api.history_link import HistoryLink
 from services.api.problems import ProblemError
@@ -61,3 +67,24 @@ def test_what_is_no_answer_is_a_problem(answer: HistoryAnswer | bytes | None, st
     assert caught.value.problem.status == status
     assert word in caught.value.problem.detail
     assert bool(caught.value.headers) == (status == 503)
+
+
+def test_questions_that_take_long_leave_other_requests_alone_and_are_refused_at_once(tmp_path: Path) -> None:
+    go_on = threading.Event()
+    with api(tmp_path) as here, ThreadPoolExecutor(60) as crowd:
+
+        def slow(*_: object) -> bytes:
+            assert go_on.wait(30.0)
+            return msgspec.msgpack.encode(Refusal(words="enough"))
+
+        here.ask = slow
+        path = "/v1/heatmap?since=1767225600&until=1769817600&cell="
+        asked = [crowd.submit(here.client.get, f"{path}{1 + number / 100}") for number in range(60)]
+        wait_until(lambda: sum(one.done() for one in asked) >= 52, 20.0, "all but eight refused")
+        assert here.client.get("/v1/webhooks").status_code == 200, "which needs a thread, too"
+        refused = {(one.result().status_code, one.result().headers["Retry-After"]) for one in asked if one.done()}
+        assert refused == {(429, "5")}
+        go_on.set()
+        answers = sorted(one.result().status_code for one in asked)
+        assert answers == [429] * 52 + [503] * 8
+        assert here.client.get(f"{path}3").status_code == 503, "the seats are free again"
