@@ -35,6 +35,8 @@ KEEP_ALIVE = b": still here\n\n"
 KEEP_ALIVE_EVERY = 5.0
 POLL_EVERY = 1.0
 RETRY_FIRST, RETRY_LAST = 0.5, 5.0
+GRACE = 15.0
+"""Seconds after the start in which an API that cannot be reached yet is no trouble: both start together."""
 SILENCE = 30.0
 """Seconds without a byte after which a connection counts as dead; the API sends keep-alives more often."""
 
@@ -62,11 +64,14 @@ class Relay:
         """Of the site that the browsers were told."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopped = False
+        self._heard = False
+        """Whether the API has ever answered."""
 
     async def run(self) -> None:
         """Follow the API until cancelled."""
         self._loop = asyncio.get_running_loop()
         delay = RETRY_FIRST
+        begun = time.monotonic()
         # The address comes from the operator: proxies of the environment are not for it.
         timeout = httpx.Timeout(10.0, read=SILENCE)
         async with httpx.AsyncClient(headers=self._headers, timeout=timeout, trust_env=False) as client:
@@ -75,7 +80,8 @@ class Relay:
                 reason = await self._follow(client)
                 if time.monotonic() - started > 10.0:
                     delay = RETRY_FIRST
-                self._told(reason)
+                if self._heard or time.monotonic() - begun > GRACE:
+                    self._told(reason)
                 self._tell(self._state.connection(False, reason, time.time()))
                 await asyncio.sleep(delay)
                 delay = min(2.0 * delay, RETRY_LAST)
@@ -113,6 +119,7 @@ class Relay:
         """Follow the stream as long as it lasts and return, in plain words, why it ended."""
         try:
             async with client.stream("GET", f"{self._url}/v1/stream") as response:
+                self._heard = True
                 _check(response)
                 # The stream is open before the present is asked for: nothing falls between the two.
                 for what in ("site", "cameras", "zones", "alerts"):

@@ -132,21 +132,22 @@ def test_whom_no_camera_sees_is_drawn_as_a_guess_and_counted_as_no_second_person
 
 
 def test_identities_have_colours_that_stay(page: WebDriver) -> None:
-    def colours() -> dict[str | None, str]:
-        return {device: page.execute_script("return atrium.colourOf(arguments[0])", device) for device in DEVICES}
+    def looks() -> dict[str | None, list[str]]:
+        return {device: page.execute_script("return atrium.lookOf(arguments[0])", device) for device in DEVICES}
 
-    before = colours()
-    assert len(set(before.values())) == 4  # three devices and the grey of everybody else
+    before = looks()
+    assert len(set(map(str, before.values()))) == 4  # three devices, and everybody else: grey and round
+    assert before[None][1] is None
 
     # What is painted is what is said: the pixel in the middle of each dot has the colour of its identity.
     def painted() -> bool:
         seen = page.execute_script(_READ_DOTS)
-        return bool(seen) and all(_near(pixel, before[device]) for device, pixel in seen)
+        return bool(seen) and all(_near(pixel, before[device][0]) for device, pixel in seen)
 
     wait_until(painted, 10, "every dot in its colour")
     page.refresh()
     wait_until(lambda: len(_tracks(page)) >= len(DEVICES), 30, "people on the map again")
-    assert colours() == before
+    assert looks() == before
 
 
 def test_alerts_phones_and_cameras_are_told_in_words(system: System, page: WebDriver, tmp_path: Path) -> None:

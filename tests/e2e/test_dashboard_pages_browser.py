@@ -181,6 +181,30 @@ def test_an_alert_arrives_by_itself_and_is_acknowledged_once(
     wait_until(lambda: browser.execute_script(there) == browser.execute_script(middle), 20, "the place on the map")
 
 
+def test_the_keyboard_passes_the_live_alerts_while_more_arrive(system: tuple[str, Double], browser: WebDriver) -> None:
+    url, double = system
+    for _ in range(3):
+        double.raise_alert()
+    browser.get(url)
+    rows = "return document.querySelectorAll('#alerts button').length"
+    wait_until(lambda: browser.execute_script(rows) >= 3, 20, "alerts beside the map")
+    wait_until(lambda: browser.execute_script("return document.querySelector('#phones button') !== null"), 20, "phones")
+    browser.execute_script("document.querySelector('#alerts button').focus()")
+    browser.switch_to.active_element.send_keys(Key.ARROW_DOWN)
+    chosen = browser.switch_to.active_element
+    before = browser.execute_script(rows)
+    double.raise_alert(kind="exit")
+    wait_until(lambda: browser.execute_script(rows) == before + 1, 10, "another alert")
+    assert browser.switch_to.active_element == chosen
+    chosen.send_keys(Key.TAB)  # the list is one stop
+    assert browser.execute_script("return document.activeElement.closest('#phones') !== null")
+    mark = "return document.querySelector(arguments[0]).style.cssText"
+    on_map = browser.execute_script(mark, "#alerts .swatch.shaped")
+    browser.get(f"{url}/alerts")
+    wait_until(lambda: _alerts(browser), 20, "the inbox")
+    assert browser.execute_script(mark, "#inbox-rows .swatch.shaped") == on_map  # one phone, one look
+
+
 def test_who_may_only_look_is_told_so_and_has_no_dead_buttons(system: tuple[str, Double], browser: WebDriver) -> None:
     url, double = system
     double.raise_alert()

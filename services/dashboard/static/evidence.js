@@ -106,10 +106,8 @@ export class Evidence {
     for (const [name, words] of rows) list.append(element("dt", {}, name), element("dd", {}, words));
     const focused = this.#panel.contains(document.activeElement);
     const close = element("button", { type: "button", class: "close", "aria-label": "Close", onclick: () => this.close() }, "✕");
-    const swatch = element("span", { class: "swatch" });
-    swatch.style.background = this.#identities.colourOf(device);
     this.#panel.replaceChildren(
-      element("header", {}, swatch, element("h2", {}, title), close),
+      element("header", {}, this.#identities.swatch(device), element("h2", {}, title), close),
       here ? "" : element("p", { class: "problem" }, "Not on the map at this moment."),
       list,
       this.#problem === "" ? "" : element("p", { class: "problem" }, this.#problem),

@@ -2,7 +2,7 @@
 
 import { inWords, KINDS } from "./alert_words.js";
 import { ask, lacking } from "./ask.js";
-import { appeared, count, element, spoken, timeOf } from "./dom.js";
+import { appeared, arrange, count, element, spoken, timeOf } from "./dom.js";
 import { Identities } from "./identities.js";
 
 const PAGE = 100;
@@ -74,7 +74,7 @@ function problem(words) {
 function draw() {
   const rows = page["inbox-rows"];
   const old = new Map([...rows.children].map((row) => [row.dataset.key, row]));
-  rows.replaceChildren(...state.alerts.map((alert) => {
+  arrange(rows, state.alerts.map((alert) => {
     const open = alert.id === state.writing;
     const key = JSON.stringify([alert.id, alert.acknowledged ?? null, open, state.zones.get(alert.zone)]);
     // A row that stays keeps its element, and with it what somebody writes and the keyboard's focus.
@@ -86,11 +86,9 @@ function draw() {
 
 function row(alert, key, open) {
   const { who, did } = inWords(alert, identities, state.zones.get(alert.zone) ?? alert.zone);
-  const dot = element("span", { class: "swatch" });
-  dot.style.background = identities.colourOf(alert.device);
   const end = alert.acknowledged ? element("span", { class: "seen" }, `✓ ${alert.acknowledged.by}, ${spoken(alert.acknowledged.at)}`)
     : open || !state.mayAcknowledge ? null : element("button", { type: "button", "aria-label": `Acknowledge: ${who} ${did}`, onclick: () => write(alert.id) }, "Acknowledge");
-  const item = element("li", {}, element("div", { class: "what" }, dot, timeOf(alert.t), element("span", { class: "words" }, element("strong", {}, who), ` ${did}`),
+  const item = element("li", {}, element("div", { class: "what" }, identities.swatch(alert.device), timeOf(alert.t), element("span", { class: "words" }, element("strong", {}, who), ` ${did}`),
     element("a", { href: placeOf(alert), title: "Show the place on the live map" }, "Where?"), end));
   item.dataset.key = key;
   item.dataset.id = alert.id;

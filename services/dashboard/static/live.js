@@ -104,9 +104,7 @@ function chooseFloor(id) {
 
 function fit() {
   if (state.floor === null) return;
-  // Cameras often hang outside the outline; the whole floor includes them.
-  const places = camerasOn(state.floor.id).map((camera) => camera.position);
-  view.fit(painting.bounds([...state.floor.outline, ...places]));
+  view.fit(painting.bounds(state.floor.outline));
   fitted = state.floor.id;
 }
 
@@ -123,10 +121,6 @@ function goToHash() {
   if (!Number.isFinite(x) || !Number.isFinite(y)) return;
   history.replaceState(null, "", window.location.pathname);
   goTo(wished.get("floor"), x, y);
-}
-
-function camerasOn(floor) {
-  return state.site.cameras.filter((camera) => camera.floor === floor);
 }
 
 // Staff may have drawn others than the site file has.
@@ -306,5 +300,5 @@ window.atrium = {
   },
   frameTimes,
   toScreen: (x, y) => view.toScreen(x, y),
-  colourOf: (device) => identities.colourOf(device),
+  lookOf: (device) => [identities.colourOf(device), identities.shapeOf(device)],
 };

@@ -1,9 +1,10 @@
 // How do zones look? Areas with corners, and lines with the side that counts as forward.
 
-import { extent, fade, line, polygon, text } from "./painting.js";
+import { extent, fade, line, polygon, shortened, text } from "./painting.js";
 
 const ZONE = "#2f7d76";
 const LIGHTEN_MS = 4000;
+const LINE_NAME = 160; // pixels a line's name may be long
 
 // The site file says `polygon`, the API's zones say `points`.
 export function cornersOf(zone) {
@@ -13,7 +14,8 @@ export function cornersOf(zone) {
 // `zones`: as the API tells them.
 export function paintZones(context, view, zones) {
   for (const zone of zones) paintZone(context, view, zone, 0);
-  for (const zone of zones) nameZone(context, view, zone);
+  const taken = [];
+  for (const zone of zones) nameZone(context, view, zone, undefined, taken);
 }
 
 // A zone of which an alert has just come shines for a while; returns whether it still does.
@@ -23,15 +25,23 @@ export function paintLit(context, view, zone, since, now) {
   return light > 0;
 }
 
-export function nameZone(context, view, zone, colour = "#1d5d57") {
+// As much of the name as the zone is wide, where no other name is. `taken`: the boxes of names, [left, top, right, bottom].
+export function nameZone(context, view, zone, colour = "#1d5d57", taken = []) {
   const corners = cornersOf(zone);
   const left = Math.min(...corners.map(([x]) => x));
   const top = Math.max(...corners.map(([, y]) => y));
   const [x, y] = view.toScreen(left, top);
   const isLine = zone.shape === "line";
-  if (!isLine && extent(corners) * view.scale < 40) return;
+  const wide = extent(corners) * view.scale;
+  if (!isLine && wide < 40) return;
   const count = zone.inside === undefined || isLine ? "" : ` · ${zone.inside}`;
-  text(context, `${zone.name || zone.id}${count}`, x + 7, isLine ? y - 9 : y + 12, 12, colour, "left", 600, true);
+  const { words, width } = shortened(context, zone.name || zone.id, count, isLine ? LINE_NAME : wide - 10, 12, 600);
+  if (words === "") return;
+  const from = [x + 7, isLine ? y - 9 : y + 12];
+  const box = [from[0], from[1] - 7, from[0] + width, from[1] + 7];
+  if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3])) return;
+  taken.push(box);
+  text(context, words, ...from, 12, colour, "left", 600, true);
 }
 
 function paintZone(context, view, zone, light) {
