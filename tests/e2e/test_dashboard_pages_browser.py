@@ -181,6 +181,25 @@ def test_an_alert_arrives_by_itself_and_is_acknowledged_once(
     wait_until(lambda: browser.execute_script(there) == browser.execute_script(middle), 20, "the place on the map")
 
 
+def test_all_alerts_shown_are_acknowledged_at_once_and_no_others(
+    system: tuple[str, Double], browser: WebDriver, tmp_path: Path
+) -> None:
+    url, double = system
+    shown = [double.raise_alert(kind="speed", value=3.0) for _ in range(3)]
+    other = double.raise_alert(kind="speed", value=3.0, device=DEVICES[2])
+    browser.get(f"{url}/alerts")
+    wait_until(lambda: _alerts(browser), 20, "the inbox")
+    Select(browser.find_element(By.ID, "inbox-kind")).select_by_value("speed")
+    browser.find_element(By.ID, "inbox-device").send_keys("1b07" + Key.ENTER)
+    button(browser, "Acknowledge all 3 shown…").click()
+    browser.find_element(By.CSS_SELECTOR, "#inbox-ask textarea").send_keys("a school run")
+    browser.save_screenshot(str(tmp_path / "all.png"))
+    button(browser, "Acknowledge all").click()
+    wait_until(lambda: "3 alerts were acknowledged." in _text(browser), 10, "the word")
+    assert [alert["acknowledged"]["note"] for alert in shown] == ["a school run"] * 3
+    assert other["acknowledged"] is None
+
+
 def test_the_keyboard_passes_the_live_alerts_while_more_arrive(system: tuple[str, Double], browser: WebDriver) -> None:
     url, double = system
     for _ in range(3):

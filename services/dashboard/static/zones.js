@@ -2,6 +2,7 @@
 
 import { ask, lacking } from "./ask.js";
 import { appeared, element, remember, remembered } from "./dom.js";
+import { question } from "./question.js";
 import { ZoneCanvas } from "./zone_canvas.js";
 import { Draft, idFor } from "./zone_draft.js";
 import { ZoneForm } from "./zone_form.js";
@@ -156,7 +157,7 @@ async function save() {
 }
 
 async function changedMeanwhile() {
-  const theirs = await question("Somebody else changed this zone meanwhile.", "Show theirs", "Keep mine");
+  const theirs = await asked("Somebody else changed this zone meanwhile.", "Show theirs", "Keep mine");
   const { id } = state.draft.zone;
   state.zones = (await ask("zones")).zones;
   const now = state.zones.find((one) => one.id === id);
@@ -175,7 +176,7 @@ async function discard() {
 
 async function remove() {
   const { zone, etag } = state.draft;
-  if (!(await question(`Delete ${zone.name || zone.id} and its rules? Alerts told of it stay.`, "Delete", "Cancel"))) return;
+  if (!(await asked(`Delete ${zone.name || zone.id} and its rules? Alerts told of it stay.`, "Delete", "Cancel"))) return;
   try {
     await ask(`zones/${encodeURIComponent(zone.id)}`, { method: "DELETE", ifMatch: etag });
     state.zones = (await ask("zones")).zones;
@@ -191,19 +192,11 @@ async function remove() {
 async function mayLeave() {
   if (!state.draft?.changed) return true;
   const name = state.draft.zone.name || state.draft.zone.id;
-  return question(`The changes to ${name} are not saved.`, "Discard them", "Go on changing");
+  return asked(`The changes to ${name} are not saved.`, "Discard them", "Go on changing");
 }
 
-// Whether somebody said yes.
-function question(words, yes, no) {
-  const dialog = page["zones-ask"];
-  return new Promise((resolve) => {
-    const button = (text, value, kind) => element("button", { type: "button", class: kind, onclick: () => dialog.close(value) }, text);
-    dialog.replaceChildren(element("p", {}, words), element("div", { class: "orders" }, button(no, "no", ""), button(yes, "yes", "primary")));
-    dialog.returnValue = "no";
-    dialog.addEventListener("close", () => resolve(dialog.returnValue === "yes"), { once: true });
-    dialog.showModal();
-  });
+function asked(...words) {
+  return question(page["zones-ask"], ...words);
 }
 
 function step(name) {
