@@ -40,6 +40,7 @@ class LiveState:
         self._cameras: dict[str, Any] = {}
         self._alerts: dict[str, Any] = {}
         self._site: dict[str, Any] | None = None
+        self._exhibits: list[Any] | None = None
         self.connection(False, "The dashboard has just started and is looking for the API.", 0.0)
 
     def everything(self) -> bytes:
@@ -56,7 +57,10 @@ class LiveState:
         return [self._set("connection", {"connected": connected, "reason": reason, "since": since})]
 
     def answer(self, what: str, body: bytes) -> list[Post]:
-        """Take the API's answer to ``GET /v1/{what}`` for what = site, zones, cameras or alerts (newest first)."""
+        """Take the API's answer to ``GET /v1/{what}`` for what = site, zones, exhibits, cameras or alerts.
+
+        Alerts come newest first.
+        """
         document = msgspec.json.decode(body)
         if what == "site":
             # Its zones are told by themselves: who draws them asks nobody to draw the whole map anew.
@@ -68,6 +72,10 @@ class LiveState:
         rows = document[what]
         if what == "cameras":
             self._cameras = {camera["camera"]: camera for camera in rows}
+        if what == "exhibits":
+            if rows == self._exhibits:
+                return []
+            self._exhibits = rows
         if what == "alerts":
             rows = rows[:ALERTS_KEPT]
             self._alerts = {alert["id"]: alert for alert in reversed(rows)}

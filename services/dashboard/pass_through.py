@@ -29,9 +29,9 @@ READS = re.compile(
     r"|erasures|privacy/retention|session)"
 )
 WRITES = {
-    "POST": re.compile(rf"v1/(zones|alerts/{ONE}/acknowledge)"),
-    "PUT": re.compile(rf"v1/zones/{ONE}"),
-    "DELETE": re.compile(rf"v1/(zones|devices)/{ONE}"),
+    "POST": re.compile(rf"v1/(zones|exhibits|alerts/{ONE}/acknowledge)"),
+    "PUT": re.compile(rf"v1/(zones|exhibits)/{ONE}"),
+    "DELETE": re.compile(rf"v1/(zones|exhibits|devices)/{ONE}"),
 }
 KEPT_HEADERS = ("etag", "location", "retry-after")
 

@@ -60,8 +60,8 @@ class Relay:
         self._told = told
         self._state = LiveState()
         self._browsers: set[Mailbox] = set()
-        self._site_tag = ""
-        """Of the site that the browsers were told."""
+        self._tags: dict[str, str] = {}
+        """Of what the browsers were told, for what hardly ever changes."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopped = False
         self._heard = False
@@ -122,7 +122,7 @@ class Relay:
                 self._heard = True
                 _check(response)
                 # The stream is open before the present is asked for: nothing falls between the two.
-                for what in ("site", "cameras", "zones", "alerts"):
+                for what in ("site", "cameras", "zones", "exhibits", "alerts"):
                     await self._ask(client, what)
                 RECONNECTS.inc()
                 log.info("following the API", url=self._url)
@@ -160,25 +160,27 @@ class Relay:
                     log.debug("event not understood", name=event.name, error=str(error))
 
     async def _poll(self, client: httpx.AsyncClient) -> None:
-        """Ask again and again for what the stream does not tell: zones, how and where cameras are."""
+        """Ask again and again for what the stream does not tell: zones, how and where cameras are, exhibits."""
         while True:
             await asyncio.sleep(POLL_EVERY)
             try:
                 await self._ask(client, "zones")
                 await self._ask(client, "cameras")
                 await self._ask(client, "site")
+                await self._ask(client, "exhibits")
             except (httpx.HTTPError, _ApiError, msgspec.MsgspecError, KeyError, TypeError) as error:
                 # If the API is gone, the stream tells; one missed answer is no news.
                 log.debug("no answer", error=str(error))
 
     async def _ask(self, client: httpx.AsyncClient, what: str) -> None:
-        known = {"If-None-Match": self._site_tag} if what == "site" and self._site_tag else {}
+        tag = self._tags.get(what, "")
+        known = {"If-None-Match": tag} if tag else {}
         response = await client.get(f"{self._url}/v1/{what}", timeout=10.0, headers=known)
         if known and response.status_code == 304:
             return
         _check(response)
-        if what == "site":
-            self._site_tag = response.headers.get("ETag", "")
+        if what in ("site", "exhibits"):
+            self._tags[what] = response.headers.get("ETag", "")
         self._tell(self._state.answer(what, response.content))
 
     def _tell(self, posts: list[Post]) -> None:

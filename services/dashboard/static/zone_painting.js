@@ -11,10 +11,9 @@ export function cornersOf(zone) {
   return zone.points ?? zone.polygon;
 }
 
-// `zones`: as the API tells them.
-export function paintZones(context, view, zones) {
+// `zones`: as the API tells them; `taken`: the boxes of the names that stand already, as of `shownName`.
+export function paintZones(context, view, zones, taken = []) {
   for (const zone of zones) paintZone(context, view, zone, 0);
-  const taken = [];
   for (const zone of zones) nameZone(context, view, zone, undefined, taken);
 }
 
@@ -25,7 +24,6 @@ export function paintLit(context, view, zone, since, now) {
   return light > 0;
 }
 
-// As much of the name as the zone is wide, where no other name is. `taken`: the boxes of names, [left, top, right, bottom].
 export function nameZone(context, view, zone, colour = "#1d5d57", taken = []) {
   const corners = cornersOf(zone);
   const left = Math.min(...corners.map(([x]) => x));
@@ -35,13 +33,19 @@ export function nameZone(context, view, zone, colour = "#1d5d57", taken = []) {
   const wide = extent(corners) * view.scale;
   if (!isLine && wide < 40) return;
   const count = zone.inside === undefined || isLine ? "" : ` · ${zone.inside}`;
-  const { words, width } = shortened(context, zone.name || zone.id, count, isLine ? LINE_NAME : wide - 10, 12, 600);
+  const look = { most: isLine ? LINE_NAME : wide - 10, size: 12, weight: 600, colour, align: "left" };
+  shownName(context, zone.name || zone.id, count, [x + 7, isLine ? y - 9 : y + 12], look, taken);
+}
+
+// As much of a name as there is room for, unless another name stands there. `taken`: their boxes, [left, top, right, bottom].
+export function shownName(context, name, behind, [x, y], { most, size, weight, colour, align }, taken) {
+  const { words, width } = shortened(context, name, behind, most, size, weight);
   if (words === "") return;
-  const from = [x + 7, isLine ? y - 9 : y + 12];
-  const box = [from[0], from[1] - 7, from[0] + width, from[1] + 7];
+  const left = align === "center" ? x - width / 2 : x;
+  const box = [left, y - 7, left + width, y + 7];
   if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3])) return;
   taken.push(box);
-  text(context, words, ...from, 12, colour, "left", 600, true);
+  text(context, words, x, y, size, colour, align, weight, true);
 }
 
 function paintZone(context, view, zone, light) {

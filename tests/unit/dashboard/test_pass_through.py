@@ -69,6 +69,7 @@ def test_a_browser_without_fetch_metadata_is_known_by_its_origin(pages: TestClie
 @pytest.mark.parametrize(
     ("method", "path"),
     [
+        ("PUT", "v1/exhibits"),
         ("GET", "v1/stream"),
         ("GET", "v1/learning/export"),
         ("GET", "docs"),
