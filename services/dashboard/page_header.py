@@ -16,6 +16,7 @@ PAGES = {
     "learning": ("/learning", "Learning"),
     "health": ("/health", "Health"),
     "privacy": ("/privacy", "Privacy"),
+    "administration": ("/administration", "Administration"),
 }
 
 

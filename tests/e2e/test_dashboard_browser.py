@@ -208,6 +208,45 @@ def test_the_map_is_moved_by_keyboard_and_buttons(page: WebDriver) -> None:
     assert scale() == pytest.approx(whole)
 
 
+def test_staff_are_let_in_and_out_and_keys_issued_on_the_administration_page(
+    system: System, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    with open_browser(tmp_path_factory.mktemp("office")) as browser:
+        browser.get(f"{system.dashboard}/administration")
+
+        def text(name: str) -> str:
+            return str(browser.execute_script("return document.getElementById(arguments[0])?.innerText ?? ''", name))
+
+        def fill(part: str, *values: str) -> None:
+            form, fields = (
+                browser.find_element(By.CSS_SELECTOR, f"#{part}-part form"),
+                "input:not([type=checkbox]), select",
+            )
+            for field, value in zip(form.find_elements(By.CSS_SELECTOR, fields), values, strict=False):
+                field.send_keys(value)
+            form.find_element(By.TAG_NAME, "button").click()
+
+        wait_until(lambda: "Nobody of the staff" in text("users-part"), 20, "the page")
+        fill("users", "Maria K", "curator", "correct horse battery")
+        wait_until(lambda: text("users-said") == "Maria K may sign in.", 10, "the word")
+        browser.find_element(By.CSS_SELECTOR, "#keys-part [value=positions]").click()
+        fill("keys", "guide-app", "30")
+        wait_until(lambda: "told this once: atrium-" in text("keys-said"), 10, "the secret")
+        assert "guide-app" in text("keys-part")
+        fill("webhooks", "Inside", "https://127.0.0.1/alarm")
+        wait_until(lambda: text("webhooks-said"), 10, "why it is refused")
+        assert "Alerts are sent nowhere." in text("webhooks-part")
+        browser.save_screenshot(str(tmp_path / "administration.png"))
+        browser.find_element(By.CSS_SELECTOR, "[aria-label='Take Maria K out']").click()
+        browser.find_element(By.CSS_SELECTOR, "#administration-ask .primary").click()
+        wait_until(lambda: text("users-said") == "Maria K is gone.", 10, "the end")
+        browser.find_element(By.CSS_SELECTOR, "#audit-part form button").click()
+        wait_until(lambda: "/v1/users/Maria" in text("audit-part"), 10, "the log of it")
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", _PHONE)
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+        browser.save_screenshot(str(tmp_path / "administration-phone.png"))
+
+
 def test_the_key_of_the_api_never_reaches_the_browser(system: System, page: WebDriver) -> None:
     assert API_KEY not in page.page_source
     assert API_KEY not in httpx.get(system.dashboard).text
@@ -273,6 +312,7 @@ def _two_floors(project: Path) -> dict[str, Any]:
     return site
 
 
+_PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
 _READ_DOTS = """
 const canvas = document.getElementById("atrium-canvas");
 const ratio = canvas.width / canvas.clientWidth;

@@ -406,7 +406,7 @@ def test_staff_erase_a_phone_by_its_id_typed_twice_and_see_the_stores_follow(
     assert double.erased == [DEVICES[0]]
 
 
-@pytest.mark.parametrize("path", ["/", "/alerts", "/visits", "/zones", "/health", "/privacy"])
+@pytest.mark.parametrize("path", ["/", "/alerts", "/visits", "/zones", "/health", "/privacy", "/administration"])
 def test_on_a_phone_no_page_is_wider_than_the_screen(system: tuple[str, Double], browser: WebDriver, path: str) -> None:
     size = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)

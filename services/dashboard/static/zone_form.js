@@ -120,7 +120,7 @@ export class ZoneForm {
       (value) => this.#change((now) => (now[name] = value ?? unset), name), least, most);
     const facing = number("facing", null, "-360", "360", "1");
     facing.required = false;
-    facing.placeholder = "none: looked at from all sides";
+    facing.placeholder = "none";
     return [
       field("Looked at from", "reach", number("reach", null, "0.1", "100", "0.1"), "metres at most"),
       field("Its front looks", "facing", facing, "° from x to y"),

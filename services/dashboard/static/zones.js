@@ -13,6 +13,8 @@ const HINT = "Click a zone or an exhibit to change it. Drag to move the map, whe
 const HINT_CHANGING = "Drag corners; drag or click the small dots to insert one. Keys on the plan: n p choose a corner, arrows move it "
   + "(Shift: a metre), i inserts, Del deletes, Ctrl+Z undoes.";
 
+const HINT_EXHIBIT = "Drag the exhibit to move it. Keys on the plan: n chooses it, arrows move it (Shift: a metre), Ctrl+Z undoes.";
+
 const page = await appeared(["zones-canvas", "zones-floor", "zones-list", "zones-form", "zones-problem", "zones-hint", "zones-ask",
   "zones-area", "zones-line", "zones-point", "zones-exhibits", "zones-undo", "zones-redo", "zones-snap", "zones-in", "zones-out", "zones-fit"]);
 const state = { site: null, floor: null, zones: [], draft: null, lacking: null };
@@ -101,7 +103,7 @@ function show(refusal = null) {
   form.show(state.draft, refusal);
   list();
   buttons();
-  say(state.lacking ?? (state.draft === null ? HINT : HINT_CHANGING));
+  say(state.lacking ?? (state.draft === null ? HINT : state.draft.zone.shape === "point" ? HINT_EXHIBIT : HINT_CHANGING));
 }
 
 function list() {
