@@ -17,6 +17,7 @@ from services.api.history_link import HistoryLink
 from services.api.history_replies import DwellReport, FlowReport, HeatMapReport, OccupancyReport, TrajectoryReport
 from services.api.openapi import documented
 from services.api.problems import ProblemError, invalid_value, unknown
+from services.api.times import TIME, Time
 from shared.history_query import (
     STATES,
     AskDwell,
@@ -39,10 +40,8 @@ from shared.zones import ZoneDefinition
 
 __all__ = ["history_reads"]
 
-Since = Annotated[
-    float | None, Query(allow_inf_nan=False, description="from this time on, s; default: local midnight of today")
-]
-Until = Annotated[float | None, Query(allow_inf_nan=False, description="until just before this time, s; default: now")]
+Since = Annotated[Time | None, Query(description=f"from this time on, {TIME}; default: local midnight of today")]
+Until = Annotated[Time | None, Query(description="until just before this time; default: now")]
 Day = Annotated[
     str | None,
     Query(description="instead of since and until: a day of the site's time zone such as 2026-11-23", max_length=20),

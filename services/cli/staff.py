@@ -36,7 +36,7 @@ def add(
     from services.api.admin.accounts import Accounts
     from services.api.admin.database import open_admin
     from services.api.problems import ProblemError
-    from services.api.request_body import only_known
+    from services.api.request_body import only_known, sound
     from services.api.settings import default_api_database_url
 
     if password_stdin:
@@ -45,7 +45,7 @@ def add(
         password = typer.prompt("Password", hide_input=True, confirmation_prompt=True)
     try:
         wanted = only_known(
-            {"name": name, "role": role, "password": password},
+            sound({"name": name, "role": role, "password": password}),
             NewUser,
             "viewer, guard, desk, curator or admin; a password",
         )

@@ -26,7 +26,7 @@ from services.api.alerts.webhook_store import TooManyError, WebhookStore
 from services.api.database_away import database_away
 from services.api.openapi import GONE, created, documented, errors
 from services.api.problems import Problem, ProblemError, unknown
-from services.api.request_body import described, invalid, read_body, read_object
+from services.api.request_body import described, invalid, read_struct
 from shared.keys import is_identifier
 
 __all__ = ["webhook_routes"]
@@ -65,7 +65,7 @@ def webhook_routes(
             raise unknown("webhook", webhook) from None
 
     async def defined(request: Request) -> WebhookDefinition:
-        definition = read_object(await read_body(request, LARGEST), WebhookDefinition, _ALLOWED)
+        definition = await read_struct(request, WebhookDefinition, LARGEST, _ALLOWED)
         try:
             await check_url(definition.url, allowed, resolve)
         except AddressError as error:
