@@ -35,6 +35,7 @@ class Double:
 
     site: Site
     zones: dict[str, dict[str, Any]] = field(default_factory=dict)
+    exhibits: dict[str, dict[str, Any]] = field(default_factory=dict)
     alerts: list[dict[str, Any]] = field(default_factory=list)
     asked: list[str] = field(default_factory=list)
     """Method, path and query of every request but the stream's."""
@@ -49,9 +50,14 @@ class Double:
 
     def keep(self, zone: ZoneDefinition) -> dict[str, Any]:
         """Keep a zone and return it as told."""
-        told = msgspec.to_builtins(zone) | {"inside": 1, "unseen": 0, "etag": f'"{time.monotonic_ns()}"'}
+        told = msgspec.to_builtins(zone) | {"inside": 1, "unseen": 0, "etag": _etag()}
         self.zones[zone.id] = told | {"polygon": told["points"]}
         return self.zones[zone.id]
+
+    def keep_exhibit(self, exhibit: dict[str, Any]) -> dict[str, Any]:
+        """Keep an exhibit and return it as told."""
+        self.exhibits[exhibit["id"]] = {"name": "", "reach": 8.0, "facing": None, **exhibit, "etag": _etag()}
+        return self.exhibits[exhibit["id"]]
 
     def raise_alert(self, **changes: Any) -> dict[str, Any]:
         """Add an alert, newest first."""
@@ -84,6 +90,7 @@ def running(site: Site, port: int) -> Iterator[Double]:
     double = Double(site)
     for zone in site.zones:
         double.keep(ZoneDefinition(id=zone.id, name=zone.name, floor=zone.floor, points=zone.polygon))
+    double.keep_exhibit({"id": "model", "name": "The model", "floor": "ground", "x": 10.0, "y": 8.0})
     stopping = threading.Event()
     app = _app(double, stopping)
     thread = threading.Thread(target=serve, args=(app, "127.0.0.1", port, stopping), daemon=True)
@@ -189,7 +196,22 @@ def _app(double: Double, stopping: threading.Event) -> FastAPI:
 
     @app.get("/v1/exhibits")
     async def exhibits() -> Response:
-        return _json({"t": time.time(), "exhibits": [{"id": "model", "name": "The model"}]})
+        return _json({"t": time.time(), "exhibits": list(double.exhibits.values())})
+
+    @app.post("/v1/exhibits")
+    async def add_exhibit(request: Request) -> Response:
+        return _json(double.keep_exhibit(await request.json()), 201)
+
+    @app.put("/v1/exhibits/{exhibit}")
+    async def replace_exhibit(exhibit: str, request: Request) -> Response:
+        if request.headers.get("if-match") != double.exhibits[exhibit]["etag"]:
+            return _problem(412, "it was changed meanwhile")
+        return _json(double.keep_exhibit(await request.json()))
+
+    @app.delete("/v1/exhibits/{exhibit}")
+    async def remove_exhibit(exhibit: str) -> Response:
+        del double.exhibits[exhibit]
+        return Response(status_code=204)
 
     @app.get("/v1/dwell")
     async def dwell(since: float, until: float, at: str = "zones") -> Response:
@@ -341,6 +363,10 @@ def _heat(floor: str, cell: float) -> dict[str, Any]:
 
 def _json(document: Any, status: int = 200) -> Response:
     return Response(json.dumps(document), status, media_type="application/json")
+
+
+def _etag() -> str:
+    return f'"{time.monotonic_ns()}"'
 
 
 def _problem(status: int, detail: str, field: str | None = None) -> JSONResponse:

@@ -23,6 +23,7 @@ SCOPES = {
     "connection": None,
     "site": "site",
     "zones": "site",
+    "exhibits": "site",
     "cameras": "site",
     "tracks": "positions",
     "alerts": "alerts",
@@ -57,6 +58,7 @@ class LiveState:
         self._cameras: dict[str, Any] = {}
         self._alerts: dict[str, Any] = {}
         self._site: dict[str, Any] | None = None
+        self._exhibits: list[Any] | None = None
         self.connection(False, "The dashboard has just started and is looking for the API.", 0.0)
 
     def everything(self, may: Callable[[str | None], bool] = lambda _: True) -> bytes:
@@ -73,7 +75,10 @@ class LiveState:
         return [self._set("connection", {"connected": connected, "reason": reason, "since": since})]
 
     def answer(self, what: str, body: bytes) -> list[Post]:
-        """Take the API's answer to ``GET /v1/{what}`` for what = site, zones, cameras or alerts (newest first)."""
+        """Take the API's answer to ``GET /v1/{what}`` for what = site, zones, exhibits, cameras or alerts.
+
+        Alerts come newest first.
+        """
         document = msgspec.json.decode(body)
         if what == "site":
             # Its zones are told by themselves: who draws them asks nobody to draw the whole map anew.
@@ -85,6 +90,10 @@ class LiveState:
         rows = document[what]
         if what == "cameras":
             self._cameras = {camera["camera"]: camera for camera in rows}
+        if what == "exhibits":
+            if rows == self._exhibits:
+                return []
+            self._exhibits = rows
         if what == "alerts":
             rows = rows[:ALERTS_KEPT]
             self._alerts = {alert["id"]: alert for alert in reversed(rows)}

@@ -72,11 +72,12 @@ def _panel(name: str, heading: str, empty: str) -> None:
 
 
 _MAP = """
-<div id="atrium-banner" class="atrium-banner" role="alert" hidden></div>
 <div class="atrium-toolbar">
+  <div id="atrium-banner" class="atrium-banner" role="alert" hidden></div>
   <label class="floor">Floor <select id="atrium-floor" aria-label="Floor shown on the map"></select></label>
   <fieldset id="atrium-layers"><legend class="unseen">Shown on the map</legend>
     <label><input type="checkbox" value="zones" checked> Zones</label>
+    <label><input type="checkbox" value="exhibits" checked> Exhibits</label>
     <label><input type="checkbox" value="cameras" checked> Cameras</label>
     <label><input type="checkbox" value="radio" checked> Access points</label>
     <label><input type="checkbox" value="trails" checked> Trails</label>

@@ -20,6 +20,7 @@ PAGES = {
     "learning": ("/learning", "Learning"),
     "health": ("/health", "Health"),
     "privacy": ("/privacy", "Privacy"),
+    "administration": ("/administration", "Administration"),
 }
 
 

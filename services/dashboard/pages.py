@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fastapi import FastAPI
 
+from services.dashboard.administration_page import add_administration_page
 from services.dashboard.health_page import add_health_page
 from services.dashboard.inbox_page import add_inbox_page
 from services.dashboard.pass_through import pass_through
@@ -31,3 +32,4 @@ def add_pages(app: FastAPI, api_url: str, api_key: str, title: str, can_sign_out
     add_zones_page(title, can_sign_out)
     add_health_page(title, can_sign_out)
     add_privacy_page(title, can_sign_out)
+    add_administration_page(title, can_sign_out)

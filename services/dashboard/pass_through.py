@@ -26,14 +26,16 @@ ASKED = Counter("atrium_dashboard_asked_total", "Requests of pages passed on to 
 LARGEST_BODY = 256 * 1024
 """Bytes; a zone of a thousand corners and fifty rules fits."""
 ONE = r"[A-Za-z0-9][A-Za-z0-9_.:-]{0,127}"
+NAME = r"(?!\.)[^/]{1,64}"
+"""Of one of the staff."""
 READS = re.compile(
     rf"v1/(site|health|cameras|zones|exhibits|tracks|positions(/{ONE})?|alerts|occupancy|heatmap|dwell|flows"
-    r"|erasures|privacy/retention|session)"
+    rf"|erasures|privacy/retention|session|users|keys|webhooks(/{ONE}/dead)?|audit)"
 )
 WRITES = {
-    "POST": re.compile(rf"v1/(zones|alerts/{ONE}/acknowledge)"),
-    "PUT": re.compile(rf"v1/zones/{ONE}"),
-    "DELETE": re.compile(rf"v1/(zones|devices)/{ONE}"),
+    "POST": re.compile(rf"v1/(zones|exhibits|alerts/{ONE}/acknowledge|users|keys|webhooks(/{ONE}/replay)?)"),
+    "PUT": re.compile(rf"v1/((zones|exhibits|webhooks)/{ONE}|users/{NAME})"),
+    "DELETE": re.compile(rf"v1/((zones|exhibits|devices|keys|webhooks)/{ONE}|users/{NAME})"),
 }
 KEPT_HEADERS = ("etag", "location", "retry-after")
 

@@ -37,6 +37,8 @@ KEEP_ALIVE = b": still here\n\n"
 KEEP_ALIVE_EVERY = 5.0
 POLL_EVERY = 1.0
 RETRY_FIRST, RETRY_LAST = 0.5, 5.0
+GRACE = 15.0
+"""Seconds after the start in which an API that cannot be reached yet is no trouble: both start together."""
 SILENCE = 30.0
 """Seconds without a byte after which a connection counts as dead; the API sends keep-alives more often."""
 
@@ -60,15 +62,18 @@ class Relay:
         self._told = told
         self._state = LiveState()
         self._browsers: dict[Mailbox, Visitor] = {}
-        self._site_tag = ""
-        """Of the site that the browsers were told."""
+        self._tags: dict[str, str] = {}
+        """Of what the browsers were told, for what hardly ever changes."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopped = False
+        self._heard = False
+        """Whether the API has ever answered."""
 
     async def run(self) -> None:
         """Follow the API until cancelled."""
         self._loop = asyncio.get_running_loop()
         delay = RETRY_FIRST
+        begun = time.monotonic()
         # The address comes from the operator: proxies of the environment are not for it.
         timeout = httpx.Timeout(10.0, read=SILENCE)
         async with httpx.AsyncClient(headers=self._headers, timeout=timeout, trust_env=False) as client:
@@ -77,7 +82,8 @@ class Relay:
                 reason = await self._follow(client)
                 if time.monotonic() - started > 10.0:
                     delay = RETRY_FIRST
-                self._told(reason)
+                if self._heard or time.monotonic() - begun > GRACE:
+                    self._told(reason)
                 self._tell(self._state.connection(False, reason, time.time()))
                 await asyncio.sleep(delay)
                 delay = min(2.0 * delay, RETRY_LAST)
@@ -118,9 +124,10 @@ class Relay:
         """Follow the stream as long as it lasts and return, in plain words, why it ended."""
         try:
             async with client.stream("GET", f"{self._url}/v1/stream") as response:
+                self._heard = True
                 _check(response)
                 # The stream is open before the present is asked for: nothing falls between the two.
-                for what in ("site", "cameras", "zones", "alerts"):
+                for what in ("site", "cameras", "zones", "exhibits", "alerts"):
                     await self._ask(client, what)
                 RECONNECTS.inc()
                 log.info("following the API", url=self._url)
@@ -158,25 +165,27 @@ class Relay:
                     log.debug("event not understood", name=event.name, error=str(error))
 
     async def _poll(self, client: httpx.AsyncClient) -> None:
-        """Ask again and again for what the stream does not tell: zones, how and where cameras are."""
+        """Ask again and again for what the stream does not tell: zones, how and where cameras are, exhibits."""
         while True:
             await asyncio.sleep(POLL_EVERY)
             try:
                 await self._ask(client, "zones")
                 await self._ask(client, "cameras")
                 await self._ask(client, "site")
+                await self._ask(client, "exhibits")
             except (httpx.HTTPError, _ApiError, msgspec.MsgspecError, KeyError, TypeError) as error:
                 # If the API is gone, the stream tells; one missed answer is no news.
                 log.debug("no answer", error=str(error))
 
     async def _ask(self, client: httpx.AsyncClient, what: str) -> None:
-        known = {"If-None-Match": self._site_tag} if what == "site" and self._site_tag else {}
+        tag = self._tags.get(what, "")
+        known = {"If-None-Match": tag} if tag else {}
         response = await client.get(f"{self._url}/v1/{what}", timeout=10.0, headers=known)
         if known and response.status_code == 304:
             return
         _check(response)
-        if what == "site":
-            self._site_tag = response.headers.get("ETag", "")
+        if what in ("site", "exhibits"):
+            self._tags[what] = response.headers.get("ETag", "")
         self._tell(self._state.answer(what, response.content))
 
     def _tell(self, posts: list[Post]) -> None:

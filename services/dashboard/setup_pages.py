@@ -86,7 +86,7 @@ _CAMERA = f"""
 <section aria-labelledby="pairs-heading">
   <h2 id="pairs-heading">Pairs <span>a place on the floor in the picture, and the same place on the plan</span></h2>
   <ul id="setup-told" class="told" aria-live="polite"></ul>
-  <div class="scroll"><table>
+  <div class="scroll"><table class="cards">
     <thead><tr><th>Pair</th><th>u, px</th><th>v, px</th><th>x, m</th><th>y, m</th><th>Off</th>
       <th>Off by the others</th><th><span class="unseen">Remove</span></th></tr></thead>
     <tbody id="setup-pairs"></tbody>

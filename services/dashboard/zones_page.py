@@ -1,4 +1,4 @@
-"""The page at ``/zones``: zones are drawn on the plan, and told what to tell. Its life is ``static/zones.js``."""
+"""The page at ``/zones``: zones with rules, and exhibits, drawn on the plan. Its life is ``static/zones.js``."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ _BODY = """
     <span class="tools">
       <button type="button" id="zones-area">New area</button>
       <button type="button" id="zones-line">New line</button>
+      <button type="button" id="zones-point">New exhibit</button>
       <button type="button" id="zones-undo" title="Ctrl+Z">Undo</button>
       <button type="button" id="zones-redo" title="Ctrl+Shift+Z">Redo</button>
     </span>
@@ -33,11 +34,15 @@ _BODY = """
     aria-describedby="zones-hint"></canvas>
   <p id="zones-hint" class="hint" role="status"></p>
 </section>
-<aside class="side" aria-label="Zones and their rules">
+<aside class="side" aria-label="Zones and exhibits">
   <section class="card">
     <h2>Zones</h2>
     <p id="zones-problem" class="problem" role="alert" hidden></p>
     <ul id="zones-list" class="rows" data-empty="No zone on this floor yet. Draw one: New area, or New line."></ul>
+  </section>
+  <section class="card">
+    <h2>Exhibits</h2>
+    <ul id="zones-exhibits" class="rows" data-empty="No exhibit on this floor yet."></ul>
   </section>
   <section id="zones-form" class="card" hidden></section>
 </aside>

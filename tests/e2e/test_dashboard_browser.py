@@ -134,21 +134,22 @@ def test_whom_no_camera_sees_is_drawn_as_a_guess_and_counted_as_no_second_person
 
 
 def test_identities_have_colours_that_stay(page: WebDriver) -> None:
-    def colours() -> dict[str | None, str]:
-        return {device: page.execute_script("return atrium.colourOf(arguments[0])", device) for device in DEVICES}
+    def looks() -> dict[str | None, list[str]]:
+        return {device: page.execute_script("return atrium.lookOf(arguments[0])", device) for device in DEVICES}
 
-    before = colours()
-    assert len(set(before.values())) == 4  # three devices and the grey of everybody else
+    before = looks()
+    assert len(set(map(str, before.values()))) == 4  # three devices, and everybody else: grey and round
+    assert before[None][1] is None
 
     # What is painted is what is said: the pixel in the middle of each dot has the colour of its identity.
     def painted() -> bool:
         seen = page.execute_script(_READ_DOTS)
-        return bool(seen) and all(_near(pixel, before[device]) for device, pixel in seen)
+        return bool(seen) and all(_near(pixel, before[device][0]) for device, pixel in seen)
 
     wait_until(painted, 10, "every dot in its colour")
     page.refresh()
     wait_until(lambda: len(_tracks(page)) >= len(DEVICES), 30, "people on the map again")
-    assert colours() == before
+    assert looks() == before
 
 
 def test_alerts_phones_and_cameras_are_told_in_words(system: System, page: WebDriver, tmp_path: Path) -> None:
@@ -207,6 +208,45 @@ def test_the_map_is_moved_by_keyboard_and_buttons(page: WebDriver) -> None:
     page.find_element(By.ID, "zoom-out").click()
     canvas.send_keys("0")
     assert scale() == pytest.approx(whole)
+
+
+def test_staff_are_let_in_and_out_and_keys_issued_on_the_administration_page(
+    system: System, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    with open_browser(tmp_path_factory.mktemp("office")) as browser:
+        browser.get(f"{system.dashboard}/administration")
+
+        def text(name: str) -> str:
+            return str(browser.execute_script("return document.getElementById(arguments[0])?.innerText ?? ''", name))
+
+        def fill(part: str, *values: str) -> None:
+            form, fields = (
+                browser.find_element(By.CSS_SELECTOR, f"#{part}-part form"),
+                "input:not([type=checkbox]), select",
+            )
+            for field, value in zip(form.find_elements(By.CSS_SELECTOR, fields), values, strict=False):
+                field.send_keys(value)
+            form.find_element(By.TAG_NAME, "button").click()
+
+        wait_until(lambda: "Nobody of the staff" in text("users-part"), 20, "the page")
+        fill("users", "Maria K", "curator", "correct horse battery")
+        wait_until(lambda: text("users-said") == "Maria K may sign in.", 10, "the word")
+        browser.find_element(By.CSS_SELECTOR, "#keys-part [value=positions]").click()
+        fill("keys", "guide-app", "30")
+        wait_until(lambda: "told this once: atrium-" in text("keys-said"), 10, "the secret")
+        assert "guide-app" in text("keys-part")
+        fill("webhooks", "Inside", "https://127.0.0.1/alarm")
+        wait_until(lambda: text("webhooks-said"), 10, "why it is refused")
+        assert "Alerts are sent nowhere." in text("webhooks-part")
+        browser.save_screenshot(str(tmp_path / "administration.png"))
+        browser.find_element(By.CSS_SELECTOR, "[aria-label='Take Maria K out']").click()
+        browser.find_element(By.CSS_SELECTOR, "#administration-ask .primary").click()
+        wait_until(lambda: text("users-said") == "Maria K is gone.", 10, "the end")
+        browser.find_element(By.CSS_SELECTOR, "#audit-part form button").click()
+        wait_until(lambda: "/v1/users/Maria" in text("audit-part"), 10, "the log of it")
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", _PHONE)
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+        browser.save_screenshot(str(tmp_path / "administration-phone.png"))
 
 
 def test_the_key_of_the_api_never_reaches_the_browser(system: System, page: WebDriver) -> None:
@@ -303,6 +343,7 @@ def _two_floors(project: Path) -> dict[str, Any]:
     return site
 
 
+_PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
 _READ_DOTS = """
 const canvas = document.getElementById("atrium-canvas");
 const ratio = canvas.width / canvas.clientWidth;

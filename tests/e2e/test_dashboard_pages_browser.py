@@ -105,6 +105,38 @@ def test_a_line_is_drawn_by_keyboard_alone(system: tuple[str, Double], browser: 
     assert kept["rules"][0]["direction"] == "forward"
 
 
+def test_an_exhibit_is_set_by_keyboard_moved_undone_and_never_overwrites_what_somebody_else_did(
+    system: tuple[str, Double], browser: WebDriver, tmp_path: Path
+) -> None:
+    url, double = system
+    open_zones(url, browser)
+    button(browser, "New exhibit").send_keys(Key.ENTER)
+    browser.switch_to.active_element.send_keys(Key.ENTER)
+    wait_until(lambda: browser.switch_to.active_element.get_attribute("id") == "zone-name", 5, "the form in focus")
+    browser.switch_to.active_element.send_keys("A vase")
+    browser.find_element(By.ID, "zone-facing").send_keys("90")
+    browser.save_screenshot(str(tmp_path / "exhibit.png"))
+    button(browser, "Save").send_keys(Key.ENTER)
+    wait_until(lambda: "a-vase" in double.exhibits, 5, "the exhibit at the API")
+    kept = double.exhibits["a-vase"]
+    assert (kept["floor"], kept["reach"], kept["facing"]) == ("ground", 8, 90)
+    wait_until(lambda: "is saved and holds" in _text(browser), 5, "the word that it is saved")
+    canvas = browser.find_element(By.ID, "zones-canvas")
+    canvas.send_keys("n" + 2 * Key.ARROW_UP)
+    assert _points(browser)[0][1] == pytest.approx(kept["y"] + 0.2)
+    canvas.send_keys(Key.CONTROL + "z")
+    canvas.send_keys(Key.CONTROL + "y")
+    double.keep_exhibit(kept | {"reach": 3.0})
+    button(browser, "Save").click()
+    button(browser, "Show theirs").click()
+    reach = "return document.getElementById('zone-reach')?.value"
+    wait_until(lambda: browser.execute_script(reach) == "3", 5, "theirs")
+    button(browser, "Delete exhibit…").click()
+    button(browser, "Delete").click()
+    wait_until(lambda: "a-vase" not in double.exhibits, 5, "the end of the exhibit")
+    assert _severe(browser)[1:] == []  # the one conflict
+
+
 def test_what_the_api_refuses_is_told_beside_the_field_and_nothing_is_lost(
     system: tuple[str, Double], browser: WebDriver
 ) -> None:
@@ -179,6 +211,49 @@ def test_an_alert_arrives_by_itself_and_is_acknowledged_once(
     middle = "const c = document.getElementById('atrium-canvas'); return [c.clientWidth / 2, c.clientHeight / 2]"
     there = "return window.atrium?.floor ? atrium.toScreen(10, 1.2) : null"
     wait_until(lambda: browser.execute_script(there) == browser.execute_script(middle), 20, "the place on the map")
+
+
+def test_all_alerts_shown_are_acknowledged_at_once_and_no_others(
+    system: tuple[str, Double], browser: WebDriver, tmp_path: Path
+) -> None:
+    url, double = system
+    shown = [double.raise_alert(kind="speed", value=3.0) for _ in range(3)]
+    other = double.raise_alert(kind="speed", value=3.0, device=DEVICES[2])
+    browser.get(f"{url}/alerts")
+    wait_until(lambda: _alerts(browser), 20, "the inbox")
+    Select(browser.find_element(By.ID, "inbox-kind")).select_by_value("speed")
+    browser.find_element(By.ID, "inbox-device").send_keys("1b07" + Key.ENTER)
+    button(browser, "Acknowledge all 3 shown…").click()
+    browser.find_element(By.CSS_SELECTOR, "#inbox-ask textarea").send_keys("a school run")
+    browser.save_screenshot(str(tmp_path / "all.png"))
+    button(browser, "Acknowledge all").click()
+    wait_until(lambda: "3 alerts were acknowledged." in _text(browser), 10, "the word")
+    assert [alert["acknowledged"]["note"] for alert in shown] == ["a school run"] * 3
+    assert other["acknowledged"] is None
+
+
+def test_the_keyboard_passes_the_live_alerts_while_more_arrive(system: tuple[str, Double], browser: WebDriver) -> None:
+    url, double = system
+    for _ in range(3):
+        double.raise_alert()
+    browser.get(url)
+    rows = "return document.querySelectorAll('#alerts button').length"
+    wait_until(lambda: browser.execute_script(rows) >= 3, 20, "alerts beside the map")
+    wait_until(lambda: browser.execute_script("return document.querySelector('#phones button') !== null"), 20, "phones")
+    browser.execute_script("document.querySelector('#alerts button').focus()")
+    browser.switch_to.active_element.send_keys(Key.ARROW_DOWN)
+    chosen = browser.switch_to.active_element
+    before = browser.execute_script(rows)
+    double.raise_alert(kind="exit")
+    wait_until(lambda: browser.execute_script(rows) == before + 1, 10, "another alert")
+    assert browser.switch_to.active_element == chosen
+    chosen.send_keys(Key.TAB)  # the list is one stop
+    assert browser.execute_script("return document.activeElement.closest('#phones') !== null")
+    mark = "return document.querySelector(arguments[0]).style.cssText"
+    on_map = browser.execute_script(mark, "#alerts .swatch.shaped")
+    browser.get(f"{url}/alerts")
+    wait_until(lambda: _alerts(browser), 20, "the inbox")
+    assert browser.execute_script(mark, "#inbox-rows .swatch.shaped") == on_map  # one phone, one look
 
 
 def test_who_may_only_look_is_told_so_and_has_no_dead_buttons(system: tuple[str, Double], browser: WebDriver) -> None:
@@ -260,7 +335,15 @@ def test_a_person_is_chosen_by_click_or_key_and_explained(
     wait_until(clicked, 10, "the evidence")
     panel = browser.find_element(By.ID, "atrium-evidence")
     wait_until(lambda: "Phone 20e4, 5 %" in panel.text, 5, "the runner-up")
-    for words in ("93 %", "7, 9", "within 0.6 m", "A camera sees this person now.", "hall-east", "without a break"):
+    for words in (
+        "93 %",
+        "7, 9",
+        "within 0.6 m",
+        "A camera sees this person now.",
+        "hall-east",
+        "without a break",
+        "They tell of this person too",
+    ):
         assert words in panel.text
     browser.save_screenshot(str(tmp_path / "evidence.png"))
     canvas.send_keys(Key.ESCAPE)
@@ -269,7 +352,7 @@ def test_a_person_is_chosen_by_click_or_key_and_explained(
     wait_until(lambda: "Phone 20e4" in panel.text, 5, "the second person by keyboard")
 
 
-def test_a_zone_that_staff_drew_appears_on_the_live_map_by_itself(
+def test_a_zone_or_exhibit_that_staff_drew_appears_on_the_live_map_by_itself(
     system: tuple[str, Double], browser: WebDriver
 ) -> None:
     url, double = system
@@ -279,6 +362,11 @@ def test_a_zone_that_staff_drew_appears_on_the_live_map_by_itself(
     painted = """return atrium.connected && (() => {""" + _PIXEL + """})().endsWith(",255")"""
     wait_until(lambda: browser.execute_script(painted, 18.5, 1.2), 20, "the floor")
     before = browser.execute_script(_PIXEL, 18.5, 1.2)
+    off = 3.0 / browser.execute_script("return atrium.scale")  # where the pixel is looked at
+    double.keep_exhibit({"id": "stone", "floor": "ground", "x": 18.5 + off, "y": 1.2 - off})
+    wait_until(lambda: browser.execute_script(_PIXEL, 18.5, 1.2) != before, 10, "the exhibit")
+    del double.exhibits["stone"]
+    wait_until(lambda: browser.execute_script(_PIXEL, 18.5, 1.2) == before, 10, "the exhibit to go")
     corner = [(17.5, 0.4), (19.5, 0.4), (19.5, 2.0), (17.5, 2.0)]
     double.keep(ZoneDefinition(id="corner", floor="ground", points=corner))
     wait_until(lambda: browser.execute_script(_PIXEL, 18.5, 1.2) != before, 10, "the zone")
@@ -318,7 +406,7 @@ def test_staff_erase_a_phone_by_its_id_typed_twice_and_see_the_stores_follow(
     assert double.erased == [DEVICES[0]]
 
 
-@pytest.mark.parametrize("path", ["/", "/alerts", "/visits", "/zones", "/health", "/privacy"])
+@pytest.mark.parametrize("path", ["/", "/alerts", "/visits", "/zones", "/health", "/privacy", "/administration"])
 def test_on_a_phone_no_page_is_wider_than_the_screen(system: tuple[str, Double], browser: WebDriver, path: str) -> None:
     size = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)

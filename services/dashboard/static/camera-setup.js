@@ -90,6 +90,8 @@ function changed(again = true) {
   if (!again) return;
   clearTimeout(waiting);
   waiting = setTimeout(attempt, TRY_AFTER_MS);
+  // What is told is of the pairs as they were.
+  if (complete().length >= 4 && state.size !== null) computing(true);
 }
 
 // --- what comes of it
@@ -120,7 +122,17 @@ async function attempt() {
   changed(false);
 }
 
+function computing(now) {
+  const told = page["setup-told"];
+  if (now && !told.classList.contains("computing")) told.prepend(Object.assign(document.createElement("li"), { textContent: "Computing… what follows is of the pairs before this change." }));
+  for (const part of [told, page["setup-pairs"]]) {
+    part.classList.toggle("computing", now);
+    part.setAttribute("aria-busy", String(now));
+  }
+}
+
 function tell(lines, wrong = false) {
+  computing(false);
   page["setup-told"].replaceChildren(...lines.map((line) => Object.assign(document.createElement("li"), { textContent: line })));
   page["setup-told"].classList.toggle("wrong", wrong);
 }
@@ -155,11 +167,12 @@ function addRow(row, index) {
     changed();
   };
   cell(`${index + 1}`);
-  for (const [what, axis, name] of [["pixel", 0, "u"], ["pixel", 1, "v"], ["place", 0, "x"], ["place", 1, "y"]]) {
+  for (const [what, axis, name, unit] of [["pixel", 0, "u", "px"], ["pixel", 1, "v", "px"], ["place", 0, "x", "m"], ["place", 1, "y", "m"]]) {
     cell(numberInput(null, `Pair ${index + 1}, ${name}`, set(what, axis)));
+    row.cells[row.cells.length - 1].dataset.label = `${name}, ${unit}`;
   }
-  row.insertCell();
-  row.insertCell();
+  row.insertCell().dataset.label = "Off:";
+  row.insertCell().dataset.label = "Off by the others:";
   cell(button("✕", `Remove pair ${index + 1}`, () => {
     state.pairs.splice(index, 1);
     changed();

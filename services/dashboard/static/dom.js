@@ -28,6 +28,46 @@ export function appeared(ids) {
   });
 }
 
+// Make `list` hold these children in this order. What stays is not touched: what is taken out and put back loses the
+// keyboard's focus. When the child in focus is gone, the one in its place has the focus.
+export function arrange(list, wanted) {
+  const staying = new Set(wanted);
+  const focused = [...list.children].findIndex((child) => child.contains(document.activeElement));
+  const before = list.children[focused];
+  const active = document.activeElement;
+  for (const child of [...list.children]) if (!staying.has(child)) child.remove();
+  let place = list.firstElementChild;
+  for (const child of wanted) {
+    if (child === place) place = place.nextElementSibling;
+    else list.insertBefore(child, place);
+  }
+  if (focused < 0 || active === document.activeElement) return;
+  const heir = staying.has(before) ? active : wanted[Math.min(focused, wanted.length - 1)]?.querySelector("button, a");
+  heir?.focus({ preventScroll: true });
+}
+
+// A long list of buttons is one stop of the Tab key; within it, arrows, Home and End go from row to row.
+export function oneStop(list) {
+  const rows = () => [...list.querySelectorAll("button.row")];
+  let last = null;
+  const stopAt = (chosen) => {
+    last = chosen;
+    for (const row of rows()) row.tabIndex = row === chosen ? 0 : -1;
+  };
+  list.addEventListener("focusin", (event) => stopAt(event.target));
+  list.addEventListener("keydown", (event) => {
+    const all = rows();
+    const at = all.indexOf(document.activeElement);
+    const to = { ArrowDown: at + 1, ArrowUp: at - 1, Home: 0, End: all.length - 1 }[event.key];
+    if (at < 0 || to === undefined || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    all[to]?.focus();
+  });
+  const renewed = () => stopAt(list.contains(last) ? last : rows()[0]);
+  new MutationObserver(renewed).observe(list, { childList: true });
+  renewed();
+}
+
 const clock = new Intl.DateTimeFormat(undefined, {
   hour: "2-digit", minute: "2-digit", second: "2-digit", hourCycle: "h23",
 });
@@ -51,6 +91,13 @@ export function duration(seconds) {
   if (minutes < 60) return `${minutes} min`;
   const rest = minutes % 60;
   return `${Math.floor(minutes / 60)} h${rest ? ` ${rest} min` : ""}`;
+}
+
+// Rows of words or elements; the first of each is its heading.
+export function table(header, rows) {
+  return element("table", {}, element("thead", {}, element("tr", {}, ...header.map((name) => element("th", { scope: "col" }, name)))),
+    element("tbody", {}, ...rows.map(([first, ...rest]) => element("tr", {}, element("th", { scope: "row" }, first),
+      ...rest.map((value) => element("td", {}, value))))));
 }
 
 export function sentence(text) {

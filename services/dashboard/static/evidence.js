@@ -106,10 +106,8 @@ export class Evidence {
     for (const [name, words] of rows) list.append(element("dt", {}, name), element("dd", {}, words));
     const focused = this.#panel.contains(document.activeElement);
     const close = element("button", { type: "button", class: "close", "aria-label": "Close", onclick: () => this.close() }, "✕");
-    const swatch = element("span", { class: "swatch" });
-    swatch.style.background = this.#identities.colourOf(device);
     this.#panel.replaceChildren(
-      element("header", {}, swatch, element("h2", {}, title), close),
+      element("header", {}, this.#identities.swatch(device), element("h2", {}, title), close),
       here ? "" : element("p", { class: "problem" }, "Not on the map at this moment."),
       list,
       this.#problem === "" ? "" : element("p", { class: "problem" }, this.#problem),
@@ -133,20 +131,27 @@ export class Evidence {
         `Phone ${this.#identities.labelOf(other)}, ${percent(track.runner_up_probability)}`]);
     }
     if (person.accuracy !== null) rows.push(["Place", `${place(person)}, within ${(2 * person.accuracy).toFixed(1)} m`]);
-    if (track?.sources?.length) rows.push(["Sources", track.sources.join(", ")]);
-    else if (state) rows.push(["Sources", state === "unseen" ? "Steps and radio of the phone" : `Cameras of ${this.#chosen.area}`]);
+    rows.push(...told(track, device));
     if (track !== null) {
       rows.push(["Former numbers", track.former.length === 0 ? "None" : track.former.join(", ")]);
       rows.push(["Followed", `${percent(track.quality)} quality, as number ${track.track}`]);
     }
-    if (person.since !== undefined) {
-      const named = device === null ? null : track?.device_since ?? null;
-      rows.push(["Since", named !== null ? `${spoken(named)}, without a break`
-        : `${spoken(device === null ? person.since : person.named)}, as far as this page has watched`]);
-    }
+    const named = device === null ? null : track?.device_since ?? person.named;
+    if (named) rows.push(["Since", `${spoken(named)}, without a break`]);
+    else if (person.since !== undefined) rows.push(["Watched", `On this page since ${spoken(person.since)}`]);
     if (position !== null && position.age > 3) rows.push(["Last heard", `${Math.round(position.age)} s ago`]);
     return rows;
   }
+}
+
+// Which of the cameras and of the phone's steps and radio spoke for it in the last second, as the API tells it.
+function told(track, device) {
+  if (track === null) return [];
+  const cameras = track.sources.filter((source) => source !== device);
+  const rows = [["Cameras", cameras.length === 0 ? "None in the last second" : `${cameras.join(", ")}, in the last second`]];
+  if (device === null) return rows;
+  return [...rows, ["Steps and radio", track.sources.includes(device) ? "They tell of this person too, in the last second"
+    : "Nothing from the phone in the last second"]];
 }
 
 // A phone that is known no more is no problem of the panel.

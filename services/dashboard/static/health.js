@@ -2,7 +2,7 @@
 
 import { ask } from "./ask.js";
 import { cameraInWords } from "./camera_words.js";
-import { appeared, count, duration, element, sentence } from "./dom.js";
+import { appeared, count, duration, element, sentence, table } from "./dom.js";
 
 const EVERY_MS = 3000;
 const OLD = 5; // seconds
@@ -65,12 +65,6 @@ function verdict(words, light) {
 // Colour alone tells nobody who cannot see it: the words say it, too.
 function lit(light, words) {
   return element("span", { class: "lit" }, element("span", { class: `light ${light}` }), words);
-}
-
-function table(header, rows) {
-  return element("table", {}, element("thead", {}, element("tr", {}, ...header.map((name) => element("th", { scope: "col" }, name)))),
-    element("tbody", {}, ...rows.map(([first, ...rest]) => element("tr", {}, element("th", { scope: "row" }, first),
-      ...rest.map((value) => element("td", {}, value))))));
 }
 
 look();

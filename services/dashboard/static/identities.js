@@ -1,32 +1,48 @@
-// Which colour and which short name does a device have? The same all day, and the same in every browser.
+// Which colour, which shape and which short name does a phone have? A hash of its id tells: the same after every reload,
+// on every page, in every browser. The shape says it to those who do not see the colour.
 
-// Twelve hues readable on a light plan, neighbours chosen far apart.
-const COLOURS = [
-  "#1f6fb2", "#d1570b", "#1b8a5a", "#a03ba0", "#c4283c", "#0f8d9d",
-  "#7a5a14", "#5b50c8", "#c2468b", "#4c7d17", "#85483a", "#2c4f73",
-];
-export const ANONYMOUS = "#8791a0";
+import { element } from "./dom.js";
+
+// Okabe and Ito's palette without the purple, which deuteranopes see as the grey of people without a phone; a dark blue
+// for its black.
+const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9", "#f0e442", "#26323f"];
+export const ANONYMOUS = "#8791a0"; // and round
+
+// Corners within a circle of radius 1, y downwards.
+export const SHAPES = {
+  square: [[-0.8, -0.8], [0.8, -0.8], [0.8, 0.8], [-0.8, 0.8]],
+  diamond: [[0, -1.1], [1.1, 0], [0, 1.1], [-1.1, 0]],
+  triangle: [[0, -1.1], [1.05, 0.8], [-1.05, 0.8]],
+  wedge: [[-1.05, -0.8], [1.05, -0.8], [0, 1.1]],
+  plus: cross(),
+  cross: cross().map(([x, y]) => [0.707 * (x - y), 0.707 * (x + y)]),
+};
+const NAMES = Object.keys(SHAPES);
 
 export class Identities {
-  #colours = new Map();
+  #looks = new Map();
   #labels = new Map();
-  #used = COLOURS.map(() => 0);
   #taken = new Set();
 
   colourOf(device) {
-    if (device === null || device === undefined) return ANONYMOUS;
-    let colour = this.#colours.get(device);
-    if (colour === undefined) {
-      // The hash decides where to start, so that most devices look the same in every browser;
-      // a colour already worn gives way to the next that is worn least.
-      const least = Math.min(...this.#used);
-      let slot = hash(device) % COLOURS.length;
-      while (this.#used[slot] > least) slot = (slot + 1) % COLOURS.length;
-      this.#used[slot] += 1;
-      colour = COLOURS[slot];
-      this.#colours.set(device, colour);
-    }
-    return colour;
+    return this.#lookOf(device).colour;
+  }
+
+  // A name in SHAPES; null: round, for people without a phone.
+  shapeOf(device) {
+    return this.#lookOf(device).shape;
+  }
+
+  // The mark of a phone in a list, as it is on the map.
+  swatch(device) {
+    const { colour, shape } = this.#lookOf(device);
+    const mark = element("span", { class: "swatch" });
+    mark.style.background = colour;
+    if (shape === null) return mark;
+    const corners = SHAPES[shape].map(([x, y]) => `${(50 + 45 * x).toFixed(1)}% ${(50 + 45 * y).toFixed(1)}%`);
+    mark.classList.add("shaped");
+    mark.style.clipPath = `polygon(${corners.join(", ")})`;
+    return mark;
   }
 
   labelOf(device) {
@@ -44,11 +60,36 @@ export class Identities {
     }
     return label;
   }
+
+  #lookOf(device) {
+    if (device === null || device === undefined) return { colour: ANONYMOUS, shape: null };
+    let look = this.#looks.get(device);
+    if (look === undefined) {
+      const number = hash(device) % (COLOURS.length * NAMES.length);
+      look = { colour: COLOURS[number % COLOURS.length], shape: NAMES[Math.floor(number / COLOURS.length)] };
+      this.#looks.set(device, look);
+    }
+    return look;
+  }
 }
 
-// FNV-1a, 32 bit.
+// Black or white, whichever is easier to read on a colour (relative luminance of WCAG 2).
+export function inkOn(colour) {
+  const [red, green, blue] = [1, 3, 5].map((i) => (Number.parseInt(colour.slice(i, i + 2), 16) / 255) ** 2.2);
+  return 0.2126 * red + 0.7152 * green + 0.0722 * blue > 0.18 ? "#10161d" : "#ffffff";
+}
+
+function cross() {
+  const [near, far] = [0.4, 1.1];
+  return [[-near, -far], [near, -far], [near, -near], [far, -near], [far, near], [near, near],
+    [near, far], [-near, far], [-near, near], [-far, near], [-far, -near], [-near, -near]];
+}
+
+// FNV-1a, 32 bit, its bits mixed (the finalizer of MurmurHash3): ids that differ in their last character look different.
 function hash(text) {
   let value = 0x811c9dc5;
   for (let i = 0; i < text.length; i += 1) value = Math.imul(value ^ text.charCodeAt(i), 0x01000193);
-  return value >>> 0;
+  value = Math.imul(value ^ (value >>> 16), 0x85ebca6b);
+  value = Math.imul(value ^ (value >>> 13), 0xc2b2ae35);
+  return (value ^ (value >>> 16)) >>> 0;
 }

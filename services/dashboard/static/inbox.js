@@ -2,16 +2,18 @@
 
 import { inWords, KINDS } from "./alert_words.js";
 import { ask, lacking } from "./ask.js";
-import { appeared, count, element, spoken, timeOf } from "./dom.js";
+import { appeared, arrange, count, element, spoken, timeOf } from "./dom.js";
 import { Identities } from "./identities.js";
+import { question } from "./question.js";
 
 const PAGE = 100;
 const EVERY_MS = 5000; // an event may be missed
 const SOON_MS = 250; // several alerts at once are asked for once
 
-const page = await appeared(["inbox-state", "inbox-kind", "inbox-zone", "inbox-since", "inbox-rows", "inbox-more", "inbox-count", "inbox-problem", "inbox-lacking"]);
+const page = await appeared(["inbox-state", "inbox-kind", "inbox-zone", "inbox-since", "inbox-rows", "inbox-more", "inbox-count", "inbox-problem", "inbox-lacking",
+  "inbox-device", "inbox-devices", "inbox-all", "inbox-said", "inbox-ask"]);
 const identities = new Identities();
-const state = { mayAcknowledge: true, zones: new Map(), alerts: [], next: null, writing: null, pages: 1, asked: 0, due: null };
+const state = { mayAcknowledge: true, zones: new Map(), devices: new Set(), alerts: [], next: null, writing: null, pages: 1, asked: 0, due: null };
 
 for (const [kind, words] of Object.entries(KINDS)) page["inbox-kind"].append(new Option(words.toLowerCase(), kind));
 
@@ -28,14 +30,23 @@ function wished() {
   return {
     limit: PAGE,
     zone: page["inbox-zone"].value,
+    device: wishedDevice(),
     kinds: page["inbox-kind"].value,
     since: since === "" ? null : (Date.now() / 1000 - Number(since)).toFixed(3),
     acknowledged: { open: false, done: true, all: null }[page["inbox-state"].value],
   };
 }
 
+// The end of an id that is known will do for the whole.
+function wishedDevice() {
+  const typed = page["inbox-device"].value.trim();
+  const known = [...state.devices].filter((device) => device.endsWith(typed));
+  return typed !== "" && known.length === 1 ? known[0] : typed;
+}
+
 function fits(alert, wish) {
-  return (wish.zone === "" || alert.zone === wish.zone) && (wish.kinds === "" || alert.kind === wish.kinds)
+  return (wish.device === "" || alert.device === wish.device || alert.other_device === wish.device)
+    && (wish.zone === "" || alert.zone === wish.zone) && (wish.kinds === "" || alert.kind === wish.kinds)
     && (wish.acknowledged === null || Boolean(alert.acknowledged) === wish.acknowledged)
     && (wish.since === null || alert.t > Number(wish.since));
 }
@@ -66,6 +77,54 @@ async function refresh() {
   }
 }
 
+function nameDevices() {
+  const known = state.devices.size;
+  for (const { device, other_device: other } of state.alerts) for (const one of [device, other]) if (one) state.devices.add(one);
+  if (state.devices.size === known) return;
+  page["inbox-devices"].replaceChildren(...[...state.devices].map((device) => new Option(`Phone ${identities.labelOf(device)}`, device)));
+}
+
+function open() {
+  return state.alerts.filter((alert) => !alert.acknowledged);
+}
+
+// Those that are shown when somebody says so, one after the other: what comes meanwhile is nobody's yet.
+async function acknowledgeAll() {
+  const wanted = open();
+  const note = noteField("A note for all of them (may stay empty)");
+  const words = `Acknowledge the ${count(wanted.length, "alert that is", "alerts that are")} shown?`;
+  if (!(await question(page["inbox-ask"], words, "Acknowledge all", "Cancel", note))) return;
+  page["inbox-all"].disabled = true;
+  let others = 0;
+  let done = 0;
+  let wrong = "";
+  for (const alert of wanted) {
+    page["inbox-said"].textContent = `Acknowledging… ${done + others} of ${wanted.length}`;
+    try {
+      await acknowledge(alert.id, note.value);
+      done += 1;
+    } catch (refusal) {
+      if (refusal.status !== 409) {
+        wrong = ` The others were not: ${refusal.message}`;
+        break;
+      }
+      others += 1;
+    }
+  }
+  page["inbox-all"].disabled = false;
+  const before = others === 0 ? "" : ` Somebody else was first with ${others}.`;
+  page["inbox-said"].textContent = `${count(done, "alert was", "alerts were")} acknowledged.${before}${wrong}`;
+  await refresh();
+}
+
+function acknowledge(id, note) {
+  return ask(`alerts/${encodeURIComponent(id)}/acknowledge`, { method: "POST", body: { note: note.trim() } });
+}
+
+function noteField(words) {
+  return element("textarea", { rows: "2", maxlength: "2000", "aria-label": "Note", placeholder: words });
+}
+
 function problem(words) {
   page["inbox-problem"].textContent = words;
   page["inbox-problem"].hidden = words === "";
@@ -74,23 +133,25 @@ function problem(words) {
 function draw() {
   const rows = page["inbox-rows"];
   const old = new Map([...rows.children].map((row) => [row.dataset.key, row]));
-  rows.replaceChildren(...state.alerts.map((alert) => {
+  arrange(rows, state.alerts.map((alert) => {
     const open = alert.id === state.writing;
     const key = JSON.stringify([alert.id, alert.acknowledged ?? null, open, state.zones.get(alert.zone)]);
     // A row that stays keeps its element, and with it what somebody writes and the keyboard's focus.
     return old.get(key) ?? row(alert, key, open);
   }));
+  nameDevices();
+  const left = open().length;
+  page["inbox-all"].hidden = !state.mayAcknowledge || left < 2;
+  page["inbox-all"].textContent = `Acknowledge all ${left} shown…`;
   page["inbox-more"].hidden = state.next === null;
   page["inbox-count"].textContent = state.alerts.length === 0 ? "" : count(state.alerts.length, "alert", "alerts") + (state.next ? " and more" : "");
 }
 
 function row(alert, key, open) {
   const { who, did } = inWords(alert, identities, state.zones.get(alert.zone) ?? alert.zone);
-  const dot = element("span", { class: "swatch" });
-  dot.style.background = identities.colourOf(alert.device);
   const end = alert.acknowledged ? element("span", { class: "seen" }, `✓ ${alert.acknowledged.by}, ${spoken(alert.acknowledged.at)}`)
     : open || !state.mayAcknowledge ? null : element("button", { type: "button", "aria-label": `Acknowledge: ${who} ${did}`, onclick: () => write(alert.id) }, "Acknowledge");
-  const item = element("li", {}, element("div", { class: "what" }, dot, timeOf(alert.t), element("span", { class: "words" }, element("strong", {}, who), ` ${did}`),
+  const item = element("li", {}, element("div", { class: "what" }, identities.swatch(alert.device), timeOf(alert.t), element("span", { class: "words" }, element("strong", {}, who), ` ${did}`),
     element("a", { href: placeOf(alert), title: "Show the place on the live map" }, "Where?"), end));
   item.dataset.key = key;
   item.dataset.id = alert.id;
@@ -104,13 +165,13 @@ function placeOf({ floor, x, y }) {
 }
 
 function noteForm(alert) {
-  const note = element("textarea", { rows: "2", maxlength: "2000", "aria-label": "Note", placeholder: "What was it? (may stay empty)" });
+  const note = noteField("What was it? (may stay empty)");
   const wrong = element("p", { class: "problem", role: "alert", hidden: true });
   const form = element("form", { class: "acknowledge", onsubmit: async (event) => {
     event.preventDefault();
     form.inert = true;
     try {
-      await ask(`alerts/${encodeURIComponent(alert.id)}/acknowledge`, { method: "POST", body: { note: note.value.trim() } });
+      await acknowledge(alert.id, note.value);
       state.writing = null;
       await refresh();
     } catch (refusal) {
@@ -147,12 +208,13 @@ function listen() {
   };
 }
 
-for (const name of ["state", "kind", "zone", "since"]) {
+for (const name of ["state", "kind", "zone", "device", "since"]) {
   page[`inbox-${name}`].addEventListener("change", () => {
     state.pages = 1;
     refresh();
   });
 }
+page["inbox-all"].addEventListener("click", acknowledgeAll);
 page["inbox-more"].addEventListener("click", () => {
   state.pages += 1;
   refresh();

@@ -2,6 +2,7 @@
 
 import { appeared, count, remember, remembered } from "./dom.js";
 import { Evidence } from "./evidence.js";
+import { asPoint } from "./exhibits.js";
 import { Ground } from "./ground.js";
 import { Identities } from "./identities.js";
 import * as painting from "./painting.js";
@@ -21,7 +22,7 @@ const REACH = 18; // pixels a tap may miss somebody by
 const identities = new Identities();
 const tracks = new Tracks();
 const view = new Viewport();
-const state = { site: null, floor: null, zones: null, lit: new Map(), chosen: null, marker: null };
+const state = { site: null, floor: null, zones: null, exhibits: [], lit: new Map(), chosen: null, marker: null };
 const heard = { api: false, reason: "", dashboard: false, frame: null, arrivals: [] };
 const layers = {};
 let fitted = null;
@@ -67,6 +68,7 @@ function listen() {
     state.zones = zones;
     panels.zones(zones);
   });
+  on("exhibits", (exhibits) => (state.exhibits = exhibits.map(asPoint)));
   on("tracks", (frame) => {
     const now = performance.now();
     tracks.accept(frame, now);
@@ -104,9 +106,7 @@ function chooseFloor(id) {
 
 function fit() {
   if (state.floor === null) return;
-  // Cameras often hang outside the outline; the whole floor includes them.
-  const places = camerasOn(state.floor.id).map((camera) => camera.position);
-  view.fit(painting.bounds([...state.floor.outline, ...places]));
+  view.fit(painting.bounds(state.floor.outline));
   fitted = state.floor.id;
 }
 
@@ -123,10 +123,6 @@ function goToHash() {
   if (!Number.isFinite(x) || !Number.isFinite(y)) return;
   history.replaceState(null, "", window.location.pathname);
   goTo(wished.get("floor"), x, y);
-}
-
-function camerasOn(floor) {
-  return state.site.cameras.filter((camera) => camera.floor === floor);
 }
 
 // Staff may have drawn others than the site file has.
@@ -185,7 +181,7 @@ function draw(now) {
   context.clearRect(0, 0, view.width, view.height);
   if (state.floor === null) return;
   const { floor, site } = state;
-  context.drawImage(ground.picture(view, ratio, site, floor, zones(), layers), 0, 0, view.width, view.height);
+  context.drawImage(ground.picture(view, ratio, site, floor, zones(), state.exhibits, layers), 0, 0, view.width, view.height);
   if (layers.zones) shine(floor, now);
   const here = people.filter((person) => person.floor === floor.id);
   if (layers.trails) trails.draw(context, view, ratio, floor, here, identities, now);
@@ -306,5 +302,5 @@ window.atrium = {
   },
   frameTimes,
   toScreen: (x, y) => view.toScreen(x, y),
-  colourOf: (device) => identities.colourOf(device),
+  lookOf: (device) => [identities.colourOf(device), identities.shapeOf(device)],
 };

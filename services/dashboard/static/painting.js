@@ -161,6 +161,21 @@ export function text(context, words, x, y, size, colour, align, weight = 400, ha
   context.fillText(words, x, y);
 }
 
+// A name cut to `most` pixels, with what must stay behind it: {words, width}; no words where nothing of it fits.
+export function shortened(context, name, behind, most, size, weight = 400) {
+  context.font = `${weight} ${size}px ${FONT}`;
+  const widthOf = (words) => context.measureText(words).width;
+  if (widthOf(name + behind) <= most) return { words: name + behind, width: widthOf(name + behind) };
+  let [low, high] = [0, Math.min(name.length, 100)];
+  while (low < high) {
+    const half = Math.ceil((low + high) / 2);
+    if (widthOf(`${name.slice(0, half)}…${behind}`) <= most) low = half;
+    else high = half - 1;
+  }
+  const words = low < 2 ? "" : `${name.slice(0, low).trimEnd()}…${behind}`;
+  return { words, width: widthOf(words) };
+}
+
 export function polygon(context, view, ring) {
   line(context, view, ring);
   context.closePath();

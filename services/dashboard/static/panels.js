@@ -1,8 +1,9 @@
-// The lists beside the map: alerts, located phones, cameras. Rows are rebuilt only when what they say has changed.
+// The lists beside the map: alerts, located phones, cameras. A row keeps its element, and with it the keyboard's
+// focus, for as long as what it tells of is listed.
 
 import { inWords } from "./alert_words.js";
 import { cameraInWords } from "./camera_words.js";
-import { spoken } from "./dom.js";
+import { arrange, element, oneStop, timeOf } from "./dom.js";
 
 const ALERTS_SHOWN = 50;
 const LOST_AFTER_MS = 3000;
@@ -27,6 +28,7 @@ export class Panels {
     this.#go = go;
     this.#choose = choose;
     this.#explain = explain;
+    for (const name of ["alerts", "phones"]) oneStop(document.getElementById(name));
   }
 
   site(site) {
@@ -96,7 +98,7 @@ export class Panels {
       button.addEventListener("focus", () => this.#choose(row.device));
       button.addEventListener("blur", () => this.#choose(null));
       button.title = row.device;
-      button.append(swatch(this.#identities.colourOf(row.device)), words("strong", row.name), words("span", row.words));
+      button.append(this.#identities.swatch(row.device), element("strong", {}, row.name), element("span", {}, row.words));
       return button;
     }, (row) => [row.device, row.words, row.here]);
   }
@@ -106,11 +108,7 @@ export class Panels {
     this.#draw("alerts", "", rows, (alert) => {
       const button = rowButton(() => this.#go(alert.floor, alert.x, alert.y));
       const { who, did } = inWords(alert, this.#identities, this.#zones.get(alert.zone) ?? alert.zone);
-      const time = words("time", spoken(alert.t));
-      time.dateTime = new Date(1000 * alert.t).toISOString();
-      const what = words("span", "");
-      what.append(words("strong", who), ` ${did}`);
-      button.append(swatch(this.#identities.colourOf(alert.device)), what, time);
+      button.append(this.#identities.swatch(alert.device), element("span", {}, element("strong", {}, who), ` ${did}`), timeOf(alert.t));
       return button;
     }, (alert) => [alert.id, this.#zones.get(alert.zone)]);
   }
@@ -120,29 +118,32 @@ export class Panels {
     for (const [id, camera] of this.#cameras ?? []) listed.set(id, camera);
     const rows = [...listed].map(([id, camera]) => ({ id, ...cameraInWords(camera) }));
     this.#draw("cameras", "", rows, (row) => {
-      const item = document.createElement("div");
-      item.className = "row";
-      const light = document.createElement("span");
-      light.className = `light ${row.light}`;
-      item.append(light, words("strong", row.id), words("span", row.words));
-      return item;
+      const light = element("span", { class: `light ${row.light}` });
+      return element("div", { class: "row" }, light, element("strong", {}, row.id), element("span", {}, row.words));
     }, (row) => [row.id, row.light, row.words]);
   }
 
+  // `identity(row)`: what it tells of, and whatever else makes it look as it does.
   #draw(name, count, rows, build, identity) {
     const list = document.getElementById(name);
     const key = JSON.stringify([count, rows.map(identity)]);
     if (this.#shown.get(name) === key && list.childElementCount === rows.length) return;
     this.#shown.set(name, key);
     document.getElementById(`${name}-count`).textContent = count;
-    // A row that stays keeps its element, and with it the keyboard's focus.
-    const old = new Map([...list.children].map((item) => [item.dataset.key, item]));
-    list.replaceChildren(...rows.map((row) => {
-      const rowKey = JSON.stringify(identity(row));
-      if (old.has(rowKey)) return old.get(rowKey);
-      const item = document.createElement("li");
-      item.dataset.key = rowKey;
-      item.append(build(row));
+    const old = new Map([...list.children].map((item) => [item.dataset.id, item]));
+    arrange(list, rows.map((row) => {
+      const [id, ...looks] = identity(row);
+      const item = old.get(String(id)) ?? element("li", { "data-id": String(id) });
+      const look = JSON.stringify(looks);
+      if (item.dataset.look === look) return item;
+      item.dataset.look = look;
+      const now = build(row);
+      const before = item.firstElementChild;
+      if (before === null) item.append(now);
+      else {
+        before.className = now.className;
+        before.replaceChildren(...now.childNodes);
+      }
       return item;
     }));
   }
@@ -164,24 +165,7 @@ function floorName(site, id) {
 }
 
 function rowButton(act) {
-  const button = document.createElement("button");
-  button.type = "button";
-  button.className = "row";
-  button.addEventListener("click", act);
-  return button;
-}
-
-function swatch(colour) {
-  const dot = document.createElement("span");
-  dot.className = "swatch";
-  dot.style.background = colour;
-  return dot;
-}
-
-function words(tag, text) {
-  const element = document.createElement(tag);
-  element.textContent = text;
-  return element;
+  return element("button", { type: "button", class: "row", onclick: act });
 }
 
 // How surely is the phone there? Out of every camera's view, what steps and radio tell is right to some metres only.

@@ -1,8 +1,10 @@
 // How do people look? Hundreds of them, thirty times a second: what looks alike is drawn in one stroke.
 
+import { inkOn, SHAPES } from "./identities.js";
 import { fade, FONT, text } from "./painting.js";
 
 const MARKER = "#2f7d76";
+const OUTLINE = "#26323f"; // of phones
 const FADES = 5; // steps in which people fade in and out
 const LABELS_KEPT = 500;
 
@@ -39,16 +41,17 @@ function near(view, person) {
   return x > -margin && y > -margin && x < view.width + margin && y < view.height + margin;
 }
 
-// Whoever has the same colour, state and shade looks the same; people with a phone come last, on top.
+// Whoever has the same colour, shape, state and shade looks the same; people with a phone come last, on top.
 export function grouped(people, identities) {
   const looks = new Map();
   for (const person of people) {
     const shade = Math.ceil(FADES * person.alpha) / FADES;
     const colour = identities.colourOf(person.device);
-    const key = `${person.device === null ? 0 : 1} ${colour} ${person.state} ${shade}`;
+    const shape = identities.shapeOf(person.device);
+    const key = `${person.device === null ? 0 : 1} ${colour} ${shape} ${person.state} ${shade}`;
     let look = looks.get(key);
     if (look === undefined) {
-      look = { key, colour, shade, state: person.state, radius: person.device === null ? 6 : 7.5, people: [] };
+      look = { key, colour, shape, shade, state: person.state, radius: person.device === null ? 6 : 7.5, people: [] };
       looks.set(key, look);
     }
     look.people.push(person);
@@ -89,10 +92,10 @@ function halo(context, view, person, colour) {
 }
 
 // Seen this moment: filled. Only expected to be here: hollow. No camera sees this person: a dashed ring.
-function dots(context, view, { people, colour, shade, state, radius }) {
+function dots(context, view, { people, colour, shape, shade, state, radius }) {
   context.globalAlpha = shade;
   if (state === "unseen") {
-    discs(context, view, people, radius, false);
+    marks(context, view, people, shape, radius, false);
     context.fillStyle = "#ffffffb0";
     context.fill();
     context.setLineDash([4, 3]);
@@ -102,26 +105,36 @@ function dots(context, view, { people, colour, shade, state, radius }) {
     context.setLineDash([]);
     return;
   }
-  discs(context, view, people, radius + 2, true);
+  marks(context, view, people, shape, radius + 2, true);
   context.fillStyle = "#ffffff";
   context.fill();
-  discs(context, view, people, radius, true);
+  marks(context, view, people, shape, radius, true);
+  if (shape !== null) {
+    context.strokeStyle = OUTLINE;
+    context.lineWidth = 1.5;
+    context.stroke();
+  }
   context.fillStyle = colour;
   context.fill();
   if (state === "coasting") {
-    discs(context, view, people, radius - 2.5, false);
+    marks(context, view, people, shape, radius - 2.5, false);
     context.fillStyle = "#ffffff";
     context.fill();
   }
 }
 
-// One path of discs, each with a point in the direction of walking where `headings`.
-function discs(context, view, people, radius, headings) {
+// One path of marks, each with a point in the direction of walking where `headings`.
+function marks(context, view, people, shape, radius, headings) {
   context.beginPath();
   for (const person of people) {
     const [x, y] = view.toScreen(person.x, person.y);
-    context.moveTo(x + radius, y);
-    context.arc(x, y, radius, 0, 2 * Math.PI);
+    if (shape === null) {
+      context.moveTo(x + radius, y);
+      context.arc(x, y, radius, 0, 2 * Math.PI);
+    } else {
+      SHAPES[shape].forEach(([right, down], i) => context[i === 0 ? "moveTo" : "lineTo"](x + radius * right, y + radius * down));
+      context.closePath();
+    }
     if (!headings || Math.hypot(person.vx, person.vy) <= 0.25) continue;
     const heading = Math.atan2(-person.vy, person.vx);
     const at = (reach, turn) => [
@@ -163,6 +176,6 @@ function labelPicture(name, colour, ratio) {
   context.roundRect(0, 0, width, 18, 9);
   context.fillStyle = colour;
   context.fill();
-  text(context, name, 6, 9, 12, "#ffffff", "left", 600);
+  text(context, name, 6, 9, 12, inkOn(colour), "left", 600);
   return canvas;
 }

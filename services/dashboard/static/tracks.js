@@ -33,7 +33,7 @@ export class Tracks {
         area.people.set(id, person);
       }
       person.floor = frame.floor[i];
-      if (person.device !== frame.device[i]) person.named = frame.device_since?.[i] ?? Date.now() / 1000;
+      person.named = frame.device_since?.[i] ?? null;
       person.device = frame.device[i];
       person.probability = frame.probability[i];
       person.state = frame.state[i];
@@ -53,7 +53,8 @@ export class Tracks {
   }
 
   // Everybody at `now`: [{key, track, floor, device, probability, state, accuracy, x, y, vx, vy, alpha, trail, since,
-  // named}], the last two in seconds since the epoch: when this page first saw the track, and since when it has its name.
+  // named}], the last two in seconds since the epoch: when this page first saw the track, and since when it
+  // has its name (null where nobody tells).
   at(now) {
     const everybody = [];
     for (const area of this.#areas.values()) {

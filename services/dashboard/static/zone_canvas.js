@@ -1,17 +1,27 @@
-// Zones on the plan: drawn corner by corner, moved, bent, by pointer or by keys.
+// Zones and exhibits on the plan: drawn corner by corner, moved, bent, by pointer or by keys.
 
+import { paintExhibits } from "./exhibits.js";
 import { Ground } from "./ground.js";
 import { bounds, inside } from "./painting.js";
 import { Pointer } from "./pointer.js";
 import { Viewport } from "./viewport.js";
 import { paintBegun, paintChosen } from "./zone_draft_painting.js";
+import { pathOf } from "./zone_draft.js";
 import { edges, middleOf, rounded, snapped } from "./zone_geometry.js";
 import { cornersOf, paintZones } from "./zone_painting.js";
 
 const REACH = 11; // pixels within which a corner is meant, and snapped to
 const FINGER = 18;
 const STEP = 0.1; // metres
-const LAYERS = { zones: false, cameras: true, radio: false };
+const LAYERS = { zones: false, exhibits: false, cameras: true, radio: false };
+
+const LEAST = { area: 3, line: 2, point: 1 }; // corners
+const BEGINNING = {
+  area: "Click the corners one after the other; click the first again, or press Enter twice, to close the area. Esc gives up.",
+  line: "Click both ends of the line. Its arrow shows which way counts as forward. Esc gives up.",
+  point: "Click where the exhibit stands or hangs, or move the cross and press Enter. Esc gives up.",
+};
+const KEPT = { area: "An area keeps three corners.", line: "A line keeps two ends.", point: "An exhibit keeps its place." };
 
 export class ZoneCanvas {
   view = new Viewport();
@@ -28,7 +38,7 @@ export class ZoneCanvas {
   #cursor = null; // where the next corner would be
   #due = false;
 
-  // `hooks`: choose(id or null), drawn(shape, points), changed(), cornerChosen(), say(words).
+  // `hooks`: choose(zone or null), drawn(shape, points), changed(), cornerChosen(), say(words).
   constructor(canvas, hooks) {
     this.#canvas = canvas;
     this.#hooks = hooks;
@@ -56,7 +66,7 @@ export class ZoneCanvas {
     this.draw();
   }
 
-  // `zones` of this floor; `draft`: the one that is being changed, or null.
+  // `zones` and exhibits of this floor; `draft`: the one that is being changed, or null.
   set(zones, draft) {
     if (draft !== this.#draft) this.corner = null;
     this.#zones = zones;
@@ -70,9 +80,7 @@ export class ZoneCanvas {
     this.#cursor = this.#place(...[this.view.width / 2, this.view.height / 2]);
     this.corner = null;
     this.#canvas.focus({ preventScroll: true });
-    this.#hooks.say(shape === "area"
-      ? "Click the corners one after the other; click the first again, or press Enter twice, to close the area. Esc gives up."
-      : "Click both ends of the line. Its arrow shows which way counts as forward. Esc gives up.");
+    this.#hooks.say(BEGINNING[shape]);
     this.draw();
   }
 
@@ -92,6 +100,7 @@ export class ZoneCanvas {
 
   insertAfter(index) {
     const { points, shape } = this.#draft.zone;
+    if (shape === "point") return;
     const edge = edges(points, shape).find(([i]) => i === index) ?? edges(points, shape).at(-1);
     this.#draft.change((zone) => zone.points.splice(edge[0] + 1, 0, middleOf(edge[1], edge[2]).map((v) => rounded(v, 0.001))));
     this.#hooks.changed();
@@ -100,9 +109,8 @@ export class ZoneCanvas {
 
   remove(index) {
     const { points, shape } = this.#draft.zone;
-    const least = shape === "area" ? 3 : 2;
-    if (points.length <= least) {
-      this.#hooks.say(shape === "area" ? "An area keeps three corners." : "A line keeps two ends.");
+    if (points.length <= LEAST[shape]) {
+      this.#hooks.say(KEPT[shape]);
       return;
     }
     this.#draft.change((zone) => zone.points.splice(index, 1));
@@ -142,12 +150,18 @@ export class ZoneCanvas {
     const context = this.#canvas.getContext("2d");
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, this.view.width, this.view.height);
-    const ground = this.#ground.picture(this.view, ratio, this.#site, this.#floor, null, LAYERS);
+    const ground = this.#ground.picture(this.view, ratio, this.#site, this.#floor, null, null, LAYERS);
     context.drawImage(ground, 0, 0, this.view.width, this.view.height);
-    const others = this.#zones.filter((zone) => zone.id !== this.#draft?.zone.id);
-    paintZones(context, this.view, others.map(({ inside: _, ...zone }) => zone));
+    const others = this.#others();
+    const names = [];
+    paintZones(context, this.view, others.filter((zone) => zone.shape !== "point").map(({ inside: _, ...zone }) => zone), names);
+    paintExhibits(context, this.view, others.filter((zone) => zone.shape === "point"), names);
     if (this.#draft !== null) paintChosen(context, this.view, this.#draft.zone, this.corner);
     if (this.#drawing !== null) paintBegun(context, this.view, this.#drawing, this.#cursor);
+  }
+
+  #others() {
+    return this.#zones.filter((zone) => this.#draft === null || pathOf(zone) !== pathOf(this.#draft.zone));
   }
 
   // The place on the plan that is meant by a place on the screen.
@@ -159,7 +173,7 @@ export class ZoneCanvas {
 
   #targets(except) {
     const own = this.#draft?.zone.points.filter((_, i) => i !== except) ?? [];
-    const others = this.#zones.filter((zone) => zone.id !== this.#draft?.zone.id).flatMap(cornersOf);
+    const others = this.#others().flatMap(cornersOf);
     return [...own, ...others, ...(this.#drawing?.points ?? []), ...this.#floor.outline, ...this.#floor.walls.flat(),
       ...this.#floor.obstacles.flatMap((part) => part.polygon)];
   }
@@ -187,10 +201,12 @@ export class ZoneCanvas {
       return;
     }
     const [x, y] = this.view.toPlan(px, py);
+    const points = this.#zones.filter((zone) => zone.shape === "point");
+    const onPoint = points[this.#near(points.map((point) => point.points[0]), px, py, REACH)];
     const lines = this.#zones.filter((zone) => zone.shape === "line");
     const onLine = lines.find((zone) => edges(cornersOf(zone), "line").some(([, a, b]) => this.#off(a, b, px, py) < REACH));
-    const areas = this.#zones.filter((zone) => zone.shape !== "line" && inside(cornersOf(zone), x, y));
-    this.#hooks.choose((onLine ?? areas.at(-1))?.id ?? null);
+    const areas = this.#zones.filter((zone) => zone.shape === "area" && inside(cornersOf(zone), x, y));
+    this.#hooks.choose(onPoint ?? onLine ?? areas.at(-1) ?? null);
   }
 
   // How many pixels off the way from a to b?
@@ -244,14 +260,14 @@ export class ZoneCanvas {
     points.push(place);
     this.#cursor = place;
     this.#hooks.say(`${points.length} ${points.length === 1 ? "corner" : "corners"}, the last at ${place.join(", ")} m.`);
-    if (shape === "line" && points.length === 2) this.#finish();
+    if (shape !== "area" && points.length === LEAST[shape]) this.#finish();
     this.draw();
   }
 
   #finish() {
     if (this.#drawing === null) return;
     const { points, shape } = this.#drawing;
-    if (points.length < (shape === "area" ? 3 : 2)) return;
+    if (points.length < LEAST[shape]) return;
     this.cancel();
     this.#hooks.drawn(shape, points);
   }

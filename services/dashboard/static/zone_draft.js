@@ -1,4 +1,4 @@
-// A zone that is being changed: what it is now, what it was before each change, and whether it differs from what is
+// A zone or exhibit that is being changed: what it is now, what it was before each change, and whether it differs from what is
 // saved.
 
 const TYPING_MS = 1500; // changes of one field in quick succession are undone together
@@ -68,6 +68,10 @@ export class Draft {
 
 // What the API takes, no more: what it tells of a zone holds counts besides.
 function definition(zone) {
+  if (zone.shape === "point") {
+    const { id, name = "", floor, shape, points, reach = 8, facing = null } = zone;
+    return structuredClone({ id, name, floor, shape, points, reach, facing });
+  }
   return structuredClone({
     id: zone.id,
     name: zone.name ?? "",
@@ -76,6 +80,15 @@ function definition(zone) {
     points: zone.points ?? zone.polygon,
     rules: zone.rules ?? (zone.alert_on ?? []).map((kind) => ({ id: kind, kind })),
   });
+}
+
+// Where the API keeps it: a zone and an exhibit may have the same id.
+export function pathOf({ id, shape }) {
+  return `${kindOf(shape)}/${encodeURIComponent(id)}`;
+}
+
+export function kindOf(shape) {
+  return shape === "point" ? "exhibits" : "zones";
 }
 
 // An id made of a name, unlike any of `taken`.

@@ -1,5 +1,6 @@
 // How does a zone look while somebody changes it, or has only begun to draw it?
 
+import { paintChosenExhibit } from "./exhibits.js";
 import { line, polygon } from "./painting.js";
 import { edges, middleOf, whatIsWrong } from "./zone_geometry.js";
 import { nameZone, paintLine } from "./zone_painting.js";
@@ -10,6 +11,11 @@ const CORNER = "#ffb000";
 
 // With its corners, the chosen one larger, and a small dot in the middle of each edge.
 export function paintChosen(context, view, zone, corner) {
+  if (zone.shape === "point") {
+    paintChosenExhibit(context, view, zone, CHOSEN);
+    if (corner === 0) dot(context, view, zone.points[0], 8, CORNER, "#ffffff");
+    return;
+  }
   const colour = whatIsWrong(zone.points, zone.shape) === "" ? CHOSEN : WRONG;
   if (zone.shape === "line") paintLine(context, view, zone.points, colour, 3);
   else {

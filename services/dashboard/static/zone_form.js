@@ -1,9 +1,16 @@
-// The form of one zone: its name, its corners as numbers, its rules; and what the API did not like, where it belongs.
+// The form of one zone or exhibit: its name, its corners as numbers, its rules or what it is looked at from; and what the API did not like, where it belongs.
 
 import { element } from "./dom.js";
 import { field, slot } from "./fields.js";
-import { ruleForm, newRule } from "./zone_rules.js";
+import { numberInput, ruleForm, newRule } from "./zone_rules.js";
 import { areaOf, lengthOf, whatIsWrong } from "./zone_geometry.js";
+
+const NEW = { area: "New area", line: "New line", point: "New exhibit" };
+const TOLD = {
+  area: (points) => `${points.length} corners, ${areaOf(points).toFixed(1)} m²`,
+  line: (points) => `${points.length} corners, ${lengthOf(points).toFixed(1)} m long`,
+  point: ([[x, y]]) => `At ${x}, ${y} m`,
+};
 
 export class ZoneForm {
   #form;
@@ -48,9 +55,8 @@ export class ZoneForm {
       if (inputs[i] !== document.activeElement) inputs[i].value = String(value);
     });
     const wrong = whatIsWrong(points, shape);
-    const size = shape === "area" ? `${areaOf(points).toFixed(1)} m²` : `${lengthOf(points).toFixed(1)} m long`;
     const words = this.#form.querySelector(".size");
-    words.textContent = wrong || `${points.length} corners, ${size}`;
+    words.textContent = wrong || TOLD[shape](points);
     words.classList.toggle("problem", wrong !== "");
     if (this.readOnly) return;
     const save = this.#form.querySelector(".save");
@@ -89,7 +95,7 @@ export class ZoneForm {
       oninput: (event) => this.#change((now) => (now.id = event.target.value), "id"),
     }));
     return [
-      element("h2", {}, draft.fresh ? (zone.shape === "area" ? "New area" : "New line") : zone.name || zone.id),
+      element("h2", {}, draft.fresh ? NEW[zone.shape] : zone.name || zone.id),
       element("p", { class: "problem general", role: "alert", hidden: true }),
       name,
       id,
@@ -101,15 +107,28 @@ export class ZoneForm {
         this.#change((now) => now.points.reverse());
         this.show(draft);
       })) : null,
-      this.#rules(zone),
+      ...(zone.shape === "point" ? this.#looking(zone) : [this.#rules(zone)]),
       this.readOnly ? null : element("div", { class: "orders" },
         button("Save", () => this.#hooks.save(), "save primary"),
         button("Discard changes", () => this.#hooks.discard(), "discard"),
-        draft.fresh ? null : button("Delete zone…", () => this.#hooks.remove(), "danger")),
+        draft.fresh ? null : button(zone.shape === "point" ? "Delete exhibit…" : "Delete zone…", () => this.#hooks.remove(), "danger")),
     ].filter((part) => part !== null);
   }
 
+  #looking(zone) {
+    const number = (name, unset, least, most, step) => numberInput(`zone-${name}`, zone[name], step,
+      (value) => this.#change((now) => (now[name] = value ?? unset), name), least, most);
+    const facing = number("facing", null, "-360", "360", "1");
+    facing.required = false;
+    facing.placeholder = "none";
+    return [
+      field("Looked at from", "reach", number("reach", null, "0.1", "100", "0.1"), "metres at most"),
+      field("Its front looks", "facing", facing, "° from x to y"),
+    ];
+  }
+
   #corners(zone) {
+    const fixed = zone.shape === "point";
     const rows = zone.points.map((point, i) => element("li", {},
       element("span", {}, `${i + 1}`),
       ...["x", "y"].map((axis, j) => element("input", {
@@ -120,11 +139,11 @@ export class ZoneForm {
           if (Number.isFinite(value)) this.#change((now) => (now.points[i][j] = value), `corner ${i} ${axis}`);
         },
       })),
-      element("button", { type: "button", "aria-label": `Insert a corner after corner ${i + 1}`, title: "Insert a corner after this one", onclick: () => this.#hooks.insertAfter(i) }, "+"),
-      element("button", { type: "button", "aria-label": `Delete corner ${i + 1}`, title: "Delete this corner", onclick: () => this.#hooks.removeCorner(i) }, "✕"),
+      fixed ? null : element("button", { type: "button", "aria-label": `Insert a corner after corner ${i + 1}`, title: "Insert a corner after this one", onclick: () => this.#hooks.insertAfter(i) }, "+"),
+      fixed ? null : element("button", { type: "button", "aria-label": `Delete corner ${i + 1}`, title: "Delete this corner", onclick: () => this.#hooks.removeCorner(i) }, "✕"),
     ));
     const open = this.#form.querySelector("details.corners")?.open ?? false;
-    return element("details", { class: "corners", open }, element("summary", {}, "Corners as numbers (x, y in metres)"),
+    return element("details", { class: "corners", open }, element("summary", {}, fixed ? "Its place as numbers (x, y in metres)" : "Corners as numbers (x, y in metres)"),
       element("ol", {}, ...rows));
   }
 

@@ -42,6 +42,7 @@ export function crossesItself(points, shape) {
 
 // Why this shape cannot be a zone, in words; empty where it can.
 export function whatIsWrong(points, shape) {
+  if (shape === "point") return "";
   if (shape === "area") {
     if (points.length < 3) return "An area needs three corners.";
     if (crossesItself(points, shape)) return "The outline crosses itself: move a corner.";

@@ -1,19 +1,20 @@
 // How do zones look? Areas with corners, and lines with the side that counts as forward.
 
-import { extent, fade, line, polygon, text } from "./painting.js";
+import { extent, fade, line, polygon, shortened, text } from "./painting.js";
 
 const ZONE = "#2f7d76";
 const LIGHTEN_MS = 4000;
+const LINE_NAME = 160; // pixels a line's name may be long
 
 // The site file says `polygon`, the API's zones say `points`.
 export function cornersOf(zone) {
   return zone.points ?? zone.polygon;
 }
 
-// `zones`: as the API tells them.
-export function paintZones(context, view, zones) {
+// `zones`: as the API tells them; `taken`: the boxes of the names that stand already, as of `shownName`.
+export function paintZones(context, view, zones, taken = []) {
   for (const zone of zones) paintZone(context, view, zone, 0);
-  for (const zone of zones) nameZone(context, view, zone);
+  for (const zone of zones) nameZone(context, view, zone, undefined, taken);
 }
 
 // A zone of which an alert has just come shines for a while; returns whether it still does.
@@ -23,18 +24,28 @@ export function paintLit(context, view, zone, since, now) {
   return light > 0;
 }
 
-const LONGEST_NAME = 40; // letters on the plan
-
-export function nameZone(context, view, zone, colour = "#1d5d57") {
+export function nameZone(context, view, zone, colour = "#1d5d57", taken = []) {
   const corners = cornersOf(zone);
   const left = Math.min(...corners.map(([x]) => x));
   const top = Math.max(...corners.map(([, y]) => y));
   const [x, y] = view.toScreen(left, top);
   const isLine = zone.shape === "line";
-  if (!isLine && extent(corners) * view.scale < 40) return;
+  const wide = extent(corners) * view.scale;
+  if (!isLine && wide < 40) return;
   const count = zone.inside === undefined || isLine ? "" : ` · ${zone.inside}`;
-  const name = zone.name || zone.id;
-  text(context, `${name.length > LONGEST_NAME ? `${name.slice(0, LONGEST_NAME)}…` : name}${count}`, x + 7, isLine ? y - 9 : y + 12, 12, colour, "left", 600, true);
+  const look = { most: isLine ? LINE_NAME : wide - 10, size: 12, weight: 600, colour, align: "left" };
+  shownName(context, zone.name || zone.id, count, [x + 7, isLine ? y - 9 : y + 12], look, taken);
+}
+
+// As much of a name as there is room for, unless another name stands there. `taken`: their boxes, [left, top, right, bottom].
+export function shownName(context, name, behind, [x, y], { most, size, weight, colour, align }, taken) {
+  const { words, width } = shortened(context, name, behind, most, size, weight);
+  if (words === "") return;
+  const left = align === "center" ? x - width / 2 : x;
+  const box = [left, y - 7, left + width, y + 7];
+  if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3])) return;
+  taken.push(box);
+  text(context, words, x, y, size, colour, align, weight, true);
 }
 
 function paintZone(context, view, zone, light) {

@@ -42,7 +42,7 @@ export function ruleForm(rule, number, shape, change, remove) {
   ];
   const limit = LIMITS[rule.kind];
   if (limit !== undefined) {
-    rows.push(field(limit.label, `${at}.limit`, number_(id("limit"), rule.limit, limit.step,
+    rows.push(field(limit.label, `${at}.limit`, numberInput(id("limit"), rule.limit, limit.step,
       (value) => change((now) => (now.limit = value), `${at}.limit`), limit.step), limit.unit));
   }
   if (rule.kind === "cross") {
@@ -61,9 +61,9 @@ export function ruleForm(rule, number, shape, change, remove) {
     ...schedule(rule, at, id, change),
     field("Only the phones", `${at}.devices`, text(id("devices"), (rule.devices ?? []).join(", "), "Ids with commas; empty: all", null,
       (words) => change((now) => (now.devices = words.split(/[\s,]+/).filter((word) => word !== "")), `${at}.devices`))),
-    field("At least sure by", `${at}.confidence`, number_(id("confidence"), confidence, "1",
+    field("At least sure by", `${at}.confidence`, numberInput(id("confidence"), confidence, "1",
       (value) => change((now) => (now.confidence = value === null ? 0.5 : value / 100), `${at}.confidence`), "50", "99"), "%"),
-    field("Not again within", `${at}.quiet`, number_(id("quiet"), rule.quiet ?? 0, "1",
+    field("Not again within", `${at}.quiet`, numberInput(id("quiet"), rule.quiet ?? 0, "1",
       (value) => change((now) => (now.quiet = value ?? 0), `${at}.quiet`), "0", "86400"), "seconds"),
     field("Rule's id", `${at}.id`, text(id("id"), rule.id, "", 64, (words) => change((now) => (now.id = words), `${at}.id`))));
   return element("div", { class: "rule", role: "group", "aria-label": `Rule ${number + 1}` }, ...rows, details,
@@ -111,7 +111,7 @@ function choice(id, options, value, chosen) {
     ...options.map(([key, words]) => element("option", { value: key, selected: key === value }, words)));
 }
 
-function number_(id, value, step, typed, least = "0", most = null) {
+export function numberInput(id, value, step, typed, least = "0", most = null) {
   return element("input", { id, type: "number", step, min: least, max: most, required: true, value: value === null || value === undefined ? "" : String(value),
     oninput: (event) => typed(Number.isFinite(event.target.valueAsNumber) ? event.target.valueAsNumber : null) });
 }

@@ -22,6 +22,7 @@ class StandInApi:
         self.url = f"http://127.0.0.1:{port}"
         self.site = site or {"site": "test", "floors": [], "areas": [], "cameras": [], "zones": [], "access_points": []}
         self.zones: list[dict[str, Any]] = []
+        self.exhibits: list[dict[str, Any]] = []
         self.cameras: list[dict[str, Any]] = []
         self.alerts: list[dict[str, Any]] = []
         self.streams: set[asyncio.Queue[bytes | None]] = set()

@@ -1,3 +1,4 @@
+import asyncio
 import json
 import queue
 import socket
@@ -13,6 +14,7 @@ from standin_api import KEY, StandInApi, tracks
 from waiting import wait_until
 
 from services.dashboard.event_stream import EventReader
+from services.dashboard.relay import Relay
 from services.dashboard.sessions import Sessions, Visitor
 
 
@@ -175,3 +177,21 @@ def test_what_a_role_may_not_see_never_reaches_its_browser(ports: tuple[int, int
             with browser(address, usher) as late:
                 late.wait_for("cameras")
                 assert b"phone-of-ada" not in late.raw
+
+
+def test_an_api_that_starts_beside_the_dashboard_is_no_trouble_until_it_has_had_its_time(
+    ports: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def told_by(grace: float) -> list[str | None]:
+        monkeypatch.setattr("services.dashboard.relay.GRACE", grace)
+        told: list[str | None] = []
+        relay = Relay(f"http://127.0.0.1:{ports[0]}", KEY, told.append)
+        running = asyncio.create_task(relay.run())
+        async for chunk in relay.watch(Visitor(KEY)):
+            if b"cannot be reached" in chunk:
+                break
+        running.cancel()
+        return told
+
+    assert asyncio.run(told_by(60.0)) == []
+    assert "cannot be reached" in str(asyncio.run(told_by(0.0)))

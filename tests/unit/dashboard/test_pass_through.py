@@ -71,6 +71,7 @@ def test_a_browser_without_fetch_metadata_is_known_by_its_origin(pages: TestClie
 @pytest.mark.parametrize(
     ("method", "path"),
     [
+        ("PUT", "v1/exhibits"),
         ("GET", "v1/stream"),
         ("GET", "v1/learning/export"),
         ("GET", "docs"),
@@ -78,7 +79,10 @@ def test_a_browser_without_fetch_metadata_is_known_by_its_origin(pages: TestClie
         ("GET", "v1/zones%2f..%2flearning/export"),
         ("GET", "v1/positions/.."),
         ("POST", "v1/learning/freeze"),
-        ("POST", "v1/webhooks"),
+        ("POST", "v1/session"),
+        ("GET", "v1/webhooks/w-1/dead/.."),
+        ("PUT", "v1/users/..%2fkeys"),
+        ("DELETE", "v1/users/."),
         ("DELETE", "v1/zones"),
         ("DELETE", "v1/devices"),
         ("DELETE", "v1/devices/d-1/tokens"),
