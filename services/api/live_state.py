@@ -7,7 +7,7 @@ is bounded: frames by the number of areas, positions by age.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -98,6 +98,8 @@ class LiveState:
         self._fixes: dict[str, _Fix] = {}
         self._statuses: dict[str, tuple[CameraStatus, float]] = {}
         self._drawn = ZonesDrawn(zones_of(site))
+        self._blind: frozenset[str] = frozenset()
+        """Zones that no camera can see, as geofence told last."""
         self._positions = _ReadyBytes(self._build_positions)
         self._tracks: dict[str | None, _ReadyBytes] = {}
         for area in (None, *(area.id for area in site.areas)):
@@ -213,6 +215,12 @@ class LiveState:
         self._drawn = zones
         self._version += 1
 
+    def take_blind(self, zones: Collection[str]) -> None:
+        """Take in which zones no camera can see now."""
+        if self._blind != frozenset(zones):
+            self._blind = frozenset(zones)
+            self._version += 1
+
     @property
     def zones(self) -> ZonesDrawn:
         """The zones that hold now."""
@@ -308,7 +316,11 @@ class LiveState:
         x = np.array([value for frame in frames for value in frame.x], dtype=float)
         y = np.array([value for frame in frames for value in frame.y], dtype=float)
         unseen = np.array([state == "unseen" for frame in frames for state in frame.state], dtype=bool)
-        return Zones(t=now, zones=self._drawn.reports(floor, x, y, unseen))
+        reports = self._drawn.reports(floor, x, y, unseen)
+        for zone in self._blind & self._drawn.ids.keys():
+            number = self._drawn.ids[zone]
+            reports[number] = msgspec.structs.replace(reports[number], blind=True)
+        return Zones(t=now, zones=reports)
 
     def _camera(self, camera: str, area: str, now: float) -> CameraReport:
         held = self._statuses.get(camera)

@@ -247,6 +247,7 @@ class ApiService(Service[ApiSettings]):
                 if told_anew.device:
                     self._hub.send("revision", message.area, told_anew, message.area)
             elif isinstance(message, Occupancy):
+                self._live.take_blind(message.blind)
                 self._hub.send("occupancy", "", message)
             elif isinstance(message, ErasureDone):
                 self._erasures.take(message)

@@ -30,7 +30,7 @@ export function nameZone(context, view, zone, colour = "#1d5d57") {
   const [x, y] = view.toScreen(left, top);
   const isLine = zone.shape === "line";
   if (!isLine && extent(corners) * view.scale < 40) return;
-  const count = zone.inside === undefined || isLine ? "" : ` · ${zone.inside}`;
+  const count = zone.inside === undefined || isLine ? "" : zone.blind ? " · ?" : ` · ${zone.inside}`;
   text(context, `${zone.name || zone.id}${count}`, x + 7, isLine ? y - 9 : y + 12, 12, colour, "left", 600, true);
 }
 
