@@ -18,6 +18,9 @@ _MEANS = {
     "history": "what happens is not kept",
 }
 
+STATUS_OLD = 15.0
+"""Seconds after which a camera's status says nothing: it is told every five."""
+
 
 class Presence:
     """Which services hold a liveliness token, and which did before."""
@@ -81,7 +84,8 @@ def find_wrong(
     for camera in cameras:
         if "camera" in missing:
             silent.add(camera.camera)
-        if camera.camera in silent:
+            blamed.add(camera.camera)
+        if camera.camera in dead or ("camera" in missing and (camera.age is None or camera.age > STATUS_OLD)):
             continue  # what it said last is not what it is
         if camera.state in ("unknown", "degraded", "ended"):
             reason = camera.reason or ("its source has come to an end" if camera.state == "ended" else camera.state)
@@ -89,8 +93,6 @@ def find_wrong(
             blamed.add(camera.camera)
             if not camera.frames_per_s:
                 silent.add(camera.camera)
-    if "camera" in missing:
-        blamed |= silent
     explained = {f"camera {camera}" for camera in blamed}
     for area in areas:
         cause = "fusion" in missing or any(one.service == "fusion" and one.instance == area.area for one in gone)
