@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-__all__ = ["Kept", "decode_kept", "encode_kept"]
+__all__ = ["Kept", "decode_kept", "encode_kept", "state_on_disk"]
 
 
 class Kept(msgspec.Struct, frozen=True, kw_only=True):
@@ -19,6 +19,12 @@ class Kept(msgspec.Struct, frozen=True, kw_only=True):
     seconds: float | None = None
     """For how long; None: until what ``note`` says."""
     note: str = ""
+
+
+def state_on_disk(what: str, every: float) -> Kept:
+    """Return the row of a state file (settings ``state_folder``, ``state_every``) that is written ``every`` s."""
+    named = ("state_folder", "state_every")
+    return Kept(what=what, settings=named, seconds=every, note="then the next takes its place")
 
 
 _decoder = msgspec.json.Decoder(list[Kept])

@@ -219,6 +219,8 @@ class TrackFrame(Message, frozen=True, kw_only=True):
     area: str
     chunk: int
     tracker: str
+    cameras: list[str] | None = None
+    """From which cameras frames are in this chunk, people seen or not; None: whoever tells does not say."""
     track: list[int] = []
     floor: list[str] = []
     x: list[float] = []
@@ -337,6 +339,8 @@ class Occupancy(Message, frozen=True, kw_only=True):
     """Whom cameras see, with a phone or without."""
     phones: list[int] = []
     """Known devices among them, or followed by radio and steps alone."""
+    blind: list[str] = []
+    """Zones that no camera can see now: nobody knows how many are there, and ``zone`` leaves them out."""
 
     @classmethod
     def columns(cls) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from services.geofence.people import Sighting
+from services.geofence.sight import AreaSight
 from services.geofence.watch import Told, Watch
 from services.geofence.zone_plan import ZonePlan
 from shared.site import Area, Floor, Site
@@ -41,8 +42,13 @@ def a_plan(*zones: ZoneDefinition, site: Site | None = None) -> ZonePlan:
     return ZonePlan.of(zones, site or a_site(), 0.1, 0.3)
 
 
-def a_watch(*zones: ZoneDefinition, areas: tuple[str, ...] = ("hall",), clock: str = "UTC") -> Watch:
-    return Watch(a_plan(*zones, site=a_site(*areas)), areas, ZoneInfo(clock), grace=2.0)
+def a_watch(
+    *zones: ZoneDefinition,
+    areas: tuple[str, ...] = ("hall",),
+    clock: str = "UTC",
+    sight: dict[str, AreaSight] | None = None,
+) -> Watch:
+    return Watch(a_plan(*zones, site=a_site(*areas)), areas, ZoneInfo(clock), grace=2.0, sight=sight)
 
 
 def sighting(
@@ -76,13 +82,15 @@ class Scene:
     def __init__(self, watch: Watch, area: str = "hall", t: float = 1000.0) -> None:
         self.watch, self.area, self.t = watch, area, t
         self.told: list[Told] = []
+        self.cameras: list[str] | None = None
+        """Which feed the frames; None: they do not say."""
 
     def stand(self, seconds: float, places: dict[int, Where], area: str | None = None, **more: object) -> list[Told]:
         """Let everybody stand for so long; returns what was told meanwhile."""
         told: list[Told] = []
         for _ in range(round(seconds / DT)):
             self.t += DT
-            told += self.watch.step(area or self.area, sighting(self.watch, self.t, places, **more))  # type: ignore[arg-type]
+            told += self.watch.step(area or self.area, sighting(self.watch, self.t, places, **more), self.cameras)  # type: ignore[arg-type]
         self.told += told
         return told
 
@@ -94,7 +102,7 @@ class Scene:
             for share in np.arange(1, steps + 1) / steps:
                 self.t += DT
                 place = (float(x0 + share * (x1 - x0)), float(y0 + share * (y1 - y0)))
-                told += self.watch.step(self.area, sighting(self.watch, self.t, {track: place}, **more))  # type: ignore[arg-type]
+                told += self.watch.step(self.area, sighting(self.watch, self.t, {track: place}, **more), self.cameras)  # type: ignore[arg-type]
         self.told += told
         return told
 

@@ -87,9 +87,9 @@ def of_zone(event: str, payload: bytes, told_of: str | None, zone: str) -> bytes
         return payload if told_of == zone else None
     if event == "occupancy" and b'"' + zone.encode() + b'"' in payload:
         counts = _occupancy.decode(payload)
-        row = counts.zone.index(zone)
-        one = Occupancy(t=counts.t, zone=[zone], people=[counts.people[row]], phones=[counts.phones[row]])
-        return msgspec.json.encode(one)
+        rows = [row for row, name in enumerate(counts.zone) if name == zone]
+        columns = {name: [getattr(counts, name)[row] for row in rows] for name in counts.columns()}
+        return msgspec.json.encode(Occupancy(t=counts.t, blind=[zone] if zone in counts.blind else [], **columns))
     return None
 
 

@@ -64,6 +64,7 @@ _ZONE: dict[str, Any] = {
     "polygon": _CORNERS,
     "alert_on": ["enter", "exit"],
     "inside": 2,
+    "blind": False,
     "unseen": 0,
     "etag": '"a1b2c3d4e5f60718a1"',
 }

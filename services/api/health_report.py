@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from services.api.replies import AreaFreshness, CameraReport, HealthReport, ServicePresence
+from services.api.trouble import Finding
 
-__all__ = ["Presence", "health_report"]
+__all__ = ["Presence", "find_wrong", "health_report"]
 
 _MEANS = {
     "camera": "no pictures are evaluated",
@@ -16,6 +17,9 @@ _MEANS = {
     "learning": "nothing new is learned",
     "history": "what happens is not kept",
 }
+
+STATUS_OLD = 15.0
+"""Seconds after which a camera's status says nothing: it is told every five."""
 
 
 class Presence:
@@ -39,22 +43,20 @@ class Presence:
         return [ServicePresence(service=s, instance=i, alive=alive) for (s, i), alive in sorted(self._alive.items())]
 
 
-def health_report(
-    now: float,
+def find_wrong(
     *,
     connected: bool,
-    services: list[ServicePresence],
-    areas: list[AreaFreshness],
-    cameras: list[CameraReport],
+    services: Sequence[ServicePresence],
+    areas: Sequence[AreaFreshness],
+    cameras: Sequence[CameraReport],
     expected: Sequence[str],
     stale_after: float,
     unwatched: Collection[str] = (),
-    told: Sequence[str] = (),
-) -> HealthReport:
-    """Return the report for one moment.
+    told: Sequence[Finding] = (),
+) -> list[Finding]:
+    """Return what is wrong, causes first; what only follows from a cause that is named is left out.
 
     Args:
-        now: seconds since the epoch.
         connected: whether a router of the bus is reachable.
         services: every process seen so far.
         areas: when each area was last heard of.
@@ -64,36 +66,69 @@ def health_report(
         unwatched: areas that have no camera.
         told: what services say of themselves.
     """
-    problems = []
+    found = []
     if not connected:
-        problems.append("the bus router cannot be reached: nothing below is up to date")
+        found.append(Finding("bus", "", "router", "the bus router cannot be reached: nothing below is up to date"))
     alive = {presence.service for presence in services if presence.alive}
     # The first answer about who is alive names this service at least; before it, nothing is known of the others.
-    for name in expected if connected and services else ():
-        if name not in alive:
-            means = f": {_MEANS[name]}" if name in _MEANS else ""
-            problems.append(f"the {name} service is not running{means}")
-    problems.extend(
-        f"{presence.service} {presence.instance} was running and is gone"
-        for presence in services
-        if connected and not presence.alive and presence.service in alive
-    )
-    for area in areas:
-        if area.area in unwatched:
-            problems.append(f"area {area.area} has no camera: nobody is tracked or located there")
-        elif area.age is None:
-            problems.append(f"area {area.area}: no tracks have arrived yet")
-        elif area.age > stale_after:
-            problems.append(f"area {area.area}: no tracks for {area.age:.0f} s, positions are getting old")
+    missing = [name for name in expected if name not in alive] if connected and services else []
+    for name in missing:
+        means = f": {_MEANS[name]}" if name in _MEANS else ""
+        found.append(Finding(name, "", "running", f"the {name} service is not running{means}"))
+    gone = [one for one in services if connected and not one.alive and one.service in alive]
+    found += [
+        Finding(one.service, one.instance, "", f"{one.service} {one.instance} was running and is gone") for one in gone
+    ]
+    dead = {one.instance for one in gone if one.service == "camera"}
+    blamed, silent = set(dead), set(dead)
     for camera in cameras:
+        if "camera" in missing:
+            silent.add(camera.camera)
+            blamed.add(camera.camera)
+        if camera.camera in dead or ("camera" in missing and (camera.age is None or camera.age > STATUS_OLD)):
+            continue  # what it said last is not what it is
         if camera.state in ("unknown", "degraded", "ended"):
             reason = camera.reason or ("its source has come to an end" if camera.state == "ended" else camera.state)
-            problems.append(f"camera {camera.camera}: {reason}")
-    problems.extend(told)
+            found.append(Finding("camera", camera.camera, "", f"camera {camera.camera}: {reason}"))
+            blamed.add(camera.camera)
+            if not camera.frames_per_s:
+                silent.add(camera.camera)
+    explained = {f"camera {camera}" for camera in blamed}
+    for area in areas:
+        cause = "fusion" in missing or any(one.service == "fusion" and one.instance == area.area for one in gone)
+        mine = {camera.camera for camera in cameras if camera.area == area.area}
+        cause = cause or (bool(mine) and mine <= silent)
+        words = _area_words(area, stale_after, area.area in unwatched)
+        if words and not cause:
+            found.append(Finding("fusion", area.area, f"area {area.area}", words))
+        if words or cause:
+            explained.add(f"tracks of {area.area}")
+    found += [one for one in told if one.topic not in explained]
+    return found
+
+
+def _area_words(area: AreaFreshness, stale_after: float, unwatched: bool) -> str:
+    if unwatched:
+        return f"area {area.area} has no camera: nobody is tracked or located there"
+    if area.age is None:
+        return f"area {area.area}: no tracks have arrived yet"
+    old = area.age > stale_after
+    return f"area {area.area}: no tracks for {area.age:.0f} s, positions are getting old" if old else ""
+
+
+def health_report(
+    now: float,
+    wrong: Sequence[Finding],
+    *,
+    services: list[ServicePresence],
+    areas: list[AreaFreshness],
+    cameras: list[CameraReport],
+) -> HealthReport:
+    """Return the report of ``now``, seconds since the epoch; the other arguments: see ``find_wrong``."""
     return HealthReport(
         t=now,
-        status="degraded" if problems else "ok",
-        problems=problems,
+        status="degraded" if wrong else "ok",
+        problems=[one.words for one in wrong],
         services=services,
         areas=areas,
         cameras=cameras,

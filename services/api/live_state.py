@@ -7,7 +7,7 @@ is bounded: frames by the number of areas, positions by age.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -99,6 +99,8 @@ class LiveState:
         self._fixes: dict[str, _Fix] = {}
         self._statuses: dict[str, tuple[CameraStatus, float]] = {}
         self._drawn = ZonesDrawn(zones_of(site))
+        self._blind: frozenset[str] = frozenset()
+        """Zones that no camera can see, as geofence told last."""
         self._positions = _ReadyBytes(self._build_positions)
         self._tracks: dict[str | None, _ReadyBytes] = {}
         for area in (None, *(area.id for area in site.areas)):
@@ -214,6 +216,12 @@ class LiveState:
         self._drawn = zones
         self._version += 1
 
+    def take_blind(self, zones: Collection[str]) -> None:
+        """Take in which zones no camera can see now."""
+        if self._blind != frozenset(zones):
+            self._blind = frozenset(zones)
+            self._version += 1
+
     @property
     def zones(self) -> ZonesDrawn:
         """The zones that hold now."""
@@ -303,10 +311,13 @@ class LiveState:
 
     def zone(self, name: str, now: float) -> ZoneReport:
         """Return one zone and who is in it (KeyError if there is none such)."""
-        return self._drawn.reports(self._people(now))[self._drawn.ids[name]]
+        return self._drawn.reports(self._people(now), self._blind)[self._drawn.ids[name]]
 
     def _build_zones_json(self, now: float) -> bytes:
-        return b'{"t":%b,"zones":%b}' % (msgspec.json.encode(now), self._drawn.reports_json(self._people(now)))
+        return b'{"t":%b,"zones":%b}' % (
+            msgspec.json.encode(now),
+            self._drawn.reports_json(self._people(now), self._blind),
+        )
 
     def _people(self, now: float) -> People:
         frames = [arrived.frame for arrived in self._present(now)]

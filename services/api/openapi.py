@@ -15,13 +15,14 @@ from services.api.examples import EXAMPLES
 from services.api.learning_replies import RollBack
 from services.api.problems import MEDIA_TYPE, Problem
 from services.api.replies import CameraReport, TrackColumns
+from services.api.trouble import Trouble
 from shared.messages import Alert, Occupancy, Revision
 
 __all__ = ["GONE", "UNCHANGED", "accepted", "created", "describe", "documented", "drawn", "error", "errors", "named"]
 
 _REFERENCE = "#/components/schemas/{name}"
 
-_TOLD = (Acknowledged, Alert, CameraReport, Occupancy, Revision, TrackColumns, WebhookMessage)
+_TOLD = (Acknowledged, Alert, CameraReport, Occupancy, Revision, TrackColumns, Trouble, WebhookMessage)
 """What streams and webhooks tell."""
 
 DESCRIPTION = """\

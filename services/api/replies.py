@@ -179,6 +179,8 @@ class ZoneReport(Reply, frozen=True, kw_only=True):
     """Which of the two the rules tell."""
     inside: int
     unseen: int
+    blind: bool = False
+    """No camera can see it now, by geofence: nobody knows how many are there, whatever ``inside`` says."""
     etag: str
     """For ``If-Match`` of a change; of the zone's definition, not of the counts."""
 

@@ -18,7 +18,7 @@ from services.api.alerts.office import AlertOffice
 from services.api.app import create_app
 from services.api.erasures import ErasureBoard, OwnErasures
 from services.api.event_log import EventLog
-from services.api.health_report import Presence, health_report
+from services.api.health_report import Presence, find_wrong, health_report
 from services.api.history_link import HistoryLink
 from services.api.learning_link import LearningLink
 from services.api.live_state import LiveState
@@ -27,6 +27,7 @@ from services.api.replies import HealthReport
 from services.api.settings import DEMO_KEY, ApiSettings
 from services.api.setup_news import SetupNews
 from services.api.stream import Hub
+from services.api.trouble import Finding, TroubleWatch
 from shared.acknowledgements import Acknowledgements
 from shared.bus import Bus, Delivery
 from shared.http_server import serve
@@ -69,7 +70,8 @@ class ApiService(Service[ApiSettings]):
             settings.stream_readers_of_one,
         )
         self._presence = Presence()
-        self._told: list[str] = []
+        self._told: list[Finding] = []
+        self._trouble = TroubleWatch(settings.trouble_after)
         self._learning = LearningLink(self.keys, self._ask_once)
         self._erasures = ErasureBoard()
         published = bus.publisher(self.keys.zones(), ZoneSet, cached=True)
@@ -212,21 +214,21 @@ class ApiService(Service[ApiSettings]):
         """The first answer to a query, None if nobody answers."""
         return next((answer for _, answer in self.bus.ask(key, timeout, payload)), None)
 
-    def _ask_health(self) -> list[str]:
+    def _ask_health(self) -> list[Finding]:
         """What other services find wrong; of cameras their status tells it already."""
         told = []
         for key, answer in self.bus.ask(self.keys.health(), timeout=1.0):
-            service = key.split("/")[-2]
+            service, instance = key.split("/")[-2:]
             if service in (self.name, "camera"):
                 continue
             try:
                 problems = msgspec.json.decode(answer, type=dict[str, str])
             except msgspec.MsgspecError:
                 continue
-            told += [f"{service}: {words}" for words in problems.values()]
-        return sorted(told)
+            told += [Finding(service, instance, topic, f"{service}: {words}") for topic, words in problems.items()]
+        return sorted(told, key=lambda one: (one.words, one.key))
 
-    def _note(self, connected: bool, alive: list[str], told: list[str]) -> None:
+    def _note(self, connected: bool, alive: list[str], told: list[Finding]) -> None:
         now = time.time()
         self._connected, self._told = connected, told
         if connected:
@@ -237,6 +239,9 @@ class ApiService(Service[ApiSettings]):
                 self.health.degraded(f"tracks of {area.area}", "tracks have stopped arriving, positions are ageing")
             elif area.age is not None:
                 self.health.well(f"tracks of {area.area}")
+        for trouble in self._trouble.take(now, self._wrong(now), connected=connected):
+            self._hub.send(trouble.kind, trouble.id, trouble)
+            self._alerts.tell_trouble(trouble)
 
     def _take(self, deliveries: list[Delivery[Message]]) -> None:
         for delivery in deliveries:
@@ -256,6 +261,7 @@ class ApiService(Service[ApiSettings]):
                 if told_anew.device:
                     self._hub.send("revision", message.area, told_anew, message.area)
             elif isinstance(message, Occupancy):
+                self._live.take_blind(message.blind)
                 self._hub.send("occupancy", "", message)
             elif isinstance(message, ErasureDone):
                 self._erasures.take(message)
@@ -287,9 +293,8 @@ class ApiService(Service[ApiSettings]):
             self._strangers.add(what)
             log.warning("left out: older than what is known, or not in the site file", what=what)
 
-    def _health_report(self, now: float) -> HealthReport:
-        return health_report(
-            now,
+    def _wrong(self, now: float) -> list[Finding]:
+        return find_wrong(
             connected=self._connected,
             services=self._presence.services(),
             areas=self._live.areas(now),
@@ -298,4 +303,13 @@ class ApiService(Service[ApiSettings]):
             stale_after=self.settings.stale_after,
             unwatched=[area.id for area in self.site.areas if not self.site.cameras_of(area.id)],
             told=self._told,
+        )
+
+    def _health_report(self, now: float) -> HealthReport:
+        return health_report(
+            now,
+            self._wrong(now),
+            services=self._presence.services(),
+            areas=self._live.areas(now),
+            cameras=self._live.cameras(now),
         )

@@ -156,6 +156,9 @@ class ApiSettings(ServiceSettings):
     webhook_dead_days: float = Field(7.0, gt=0, le=365, description="days that dead letters are held")
 
     stale_after: float = Field(3.0, gt=0, le=3600, description="seconds without tracks until health tells of it")
+    trouble_after: float = Field(
+        30.0, gt=0, le=86400, description="seconds that technical trouble lasts until webhooks and streams are told"
+    )
     expected_services: list[str] = Field(
         ["camera", "gateway", "fusion", "geofence", "learning", "history"],
         description="services whose absence is a problem",

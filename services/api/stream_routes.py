@@ -36,6 +36,8 @@ EVENT_SCOPES: dict[str, Scope] = {
     "acknowledged": "alerts",
     "camera": "site",
     "occupancy": "site",
+    "trouble": "health",
+    "recovered": "health",
 }
 """Every kind of event and the scope it needs."""
 NAMING = frozenset({"tracks", "revision", "alert"})
@@ -49,7 +51,8 @@ _LINES = {"schema": {"type": "string"}, "example": f'{{"id":1767225600000041,"ev
 _EVENTS = {"schema": {"type": "string"}, "example": f"event: tracks\nid: 1767225600000041\ndata: {_EXAMPLE}\n\n"}
 _TOLD = (
     "Events `tracks` (TrackColumns), `revision` (Revision), `alert` (Alert), `acknowledged` (Acknowledged), `camera` "
-    "(CameraReport) and `occupancy` (Occupancy), until you leave; last, where it ends here, `ended` (Problem): why."
+    "(CameraReport), `occupancy` (Occupancy), `trouble` and `recovered` (Trouble), until you "
+    "leave; last, where it ends here, `ended` (Problem): why."
 )
 
 
@@ -207,7 +210,8 @@ def streams(site: Site, live: LiveState, hub: Hub, alerts: PastAlerts, patience:
 
         An event "tracks" comes once per frame of an area, at most ten times a second; a slow reader gets the newest.
         A "revision" replaces what was told of some devices' last seconds. Every kind needs a scope of the key: tracks
-        and revision positions, alert and acknowledged alerts, camera and occupancy site. Send Last-Event-ID to be told
+        and revision positions, alert and acknowledged alerts, camera and occupancy site,
+        trouble and recovered health. Send Last-Event-ID to be told
         the alerts and revisions after that event, or from to be told every event after it.
         """
         accepts = request.headers.get("accept", "")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -16,8 +16,8 @@ from shared.zones import ZoneDefinition, ZoneRule
 
 __all__ = ["People", "ZonesDrawn", "zones_of"]
 
-_COUNTS = b'"inside":%d,"unseen":%d'
-"""As ``ZoneReport`` writes its two fields; what follows them is a tag, which holds no such text."""
+_COUNTS = b'"inside":%d,"unseen":%d,"blind":%b'
+"""As ``ZoneReport`` writes its three fields; what follows them is a tag, which holds no such text."""
 
 
 def zones_of(site: Site) -> list[ZoneDefinition]:
@@ -78,7 +78,7 @@ class ZonesDrawn:
         self._pieces = [b""]
         """The JSON of all reports: what comes before, between and after the counts, in every other place."""
         for report in self._empty:
-            before, _, after = msgspec.json.encode(report).rpartition(_COUNTS % (0, 0))
+            before, _, after = msgspec.json.encode(report).rpartition(_COUNTS % (0, 0, b"false"))
             self._pieces[-1] += before
             self._pieces += [b"", after + b","]
         self._pieces[-1] = self._pieces[-1].removesuffix(b",")
@@ -93,17 +93,27 @@ class ZonesDrawn:
         within = shapely.intersects_xy(self._areas[zone], x[person], y[person])
         return person[within], zone[within]
 
-    def reports(self, people: People) -> list[ZoneReport]:
-        """Return each zone with how many of these people are in it, those whom no camera sees apart."""
+    def reports(self, people: People, blind: Collection[str] = ()) -> list[ZoneReport]:
+        """Return each zone with how many of these people are in it, those whom no camera sees apart.
+
+        Args:
+            people: who may be in them.
+            blind: ids of zones that no camera can see now.
+        """
         return [
-            report if not (seen or not_seen) else msgspec.structs.replace(report, inside=seen, unseen=not_seen)
+            report
+            if not (seen or not_seen or report.id in blind)
+            else msgspec.structs.replace(report, inside=seen, unseen=not_seen, blind=report.id in blind)
             for report, (seen, not_seen) in zip(self._empty, self._counts(people), strict=True)
         ]
 
-    def reports_json(self, people: People) -> bytes:
+    def reports_json(self, people: People, blind: Collection[str] = ()) -> bytes:
         """Return ``reports`` as JSON; shapes and rules, which may be long, are not written anew."""
         pieces = self._pieces.copy()
-        pieces[1::2] = [_COUNTS % counts for counts in self._counts(people)]
+        pieces[1::2] = [
+            _COUNTS % (*counts, b"true" if report.id in blind else b"false")
+            for report, counts in zip(self._empty, self._counts(people), strict=True)
+        ]
         return b"[%b]" % b"".join(pieces)
 
     def _counts(self, people: People) -> list[tuple[int, int]]:

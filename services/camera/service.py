@@ -15,6 +15,7 @@ from services.camera.detector import DetectorError, check_detector
 from services.camera.empty_scene import EmptyScene
 from services.camera.frame_ring import FrameRing
 from services.camera.frames import Frame, Source, SourceError
+from services.camera.keeping_up import KeepingUp
 from services.camera.learned_version import LearnedVersion
 from services.camera.pipeline import Pipeline, to_message
 from services.camera.projection import GroundDetections, aligned
@@ -80,6 +81,7 @@ class CameraService(Service[CameraSettings]):
         self._scene = EmptyScene()
         self._scene_file = SceneFile(settings.scene_file)
         self._watch = SceneWatch()
+        self._keeping_up = KeepingUp()
         self._doubted = ""
         """What was wrong with the view when the last picture was looked at."""
         self._desk = RedetectDesk(
@@ -177,6 +179,7 @@ class CameraService(Service[CameraSettings]):
         self._listen()
         if frame.seq == 0:
             self._status.begin_pass(frame.pass_origin)
+            self._keeping_up.reset()
             if not self._source.live:
                 # The first picture does not follow the last one: who stands there now did not walk in.
                 self._pipeline.reset()
@@ -198,6 +201,7 @@ class CameraService(Service[CameraSettings]):
         OVERTAKEN.labels(camera).inc(self._source.overtaken - self._overtaken)
         self._overtaken = self._source.overtaken
         self._status.count(self._overtaken)
+        self._keeping_up.take(time.monotonic(), self._overtaken)
         self._remember(frame, found)
         self._report()
 
@@ -292,7 +296,11 @@ class CameraService(Service[CameraSettings]):
 
     def _report(self) -> None:
         self.health.well("source")
-        doubts = {"picture size": self._pipeline.doubt, "view": self._watch.verdict}
+        doubts = {
+            "picture size": self._pipeline.doubt,
+            "view": self._watch.verdict,
+            "speed": self._keeping_up.doubt,
+        }
         for topic, doubt in doubts.items():
             if doubt:
                 self.health.degraded(topic, doubt)

@@ -5,6 +5,8 @@ A swap is part of what a chunk consumed: it happens before the chunk is stepped,
 
 from __future__ import annotations
 
+import msgspec
+
 from services.fusion.area_view import AreaView
 from services.fusion.tracker import Chunk, Retuning, Tracker
 from services.fusion.trained_view import radio_digest, under_model
@@ -71,7 +73,8 @@ class ActiveRadio:
                 view = self._view_under(update)
                 tracker.retune(view)
                 self._activate(update, view)
-        return tracker.step(chunk)
+        fed = sorted({frame.camera for frame in chunk.frames})
+        return msgspec.structs.replace(tracker.step(chunk), cameras=fed)
 
     def _view_under(self, update: RadioModelUpdate) -> AreaView:
         prepared, self._prepared = self._prepared, None

@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import Field
 
 from services.fusion.registry import DEFAULT_TRACKER, TRACKERS
-from shared.kept import Kept
+from shared.kept import Kept, state_on_disk
 from shared.settings import ServiceSettings
 
 __all__ = ["FusionSettings"]
@@ -41,14 +41,7 @@ class FusionSettings(ServiceSettings):
         """What fusion keeps of people."""
         rows = [Kept(what="where everybody is now, and who it is", note="in memory, until they have left")]
         if self.state_folder is not None:
-            rows.append(
-                Kept(
-                    what="the same on disk, for a restart",
-                    settings=("state_folder", "state_every"),
-                    seconds=self.state_every,
-                    note="then the next takes its place",
-                )
-            )
+            rows.append(state_on_disk("the same on disk, for a restart", self.state_every))
         if self.rescore_minutes > 0.0:
             seconds = 60.0 * self.rescore_minutes
             rows.append(

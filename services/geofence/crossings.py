@@ -6,7 +6,7 @@ Each frame: which borders are near (``zone_index``), which pairs of track and bo
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -21,7 +21,7 @@ from services.geofence.pairs import PAIR, Crossing, Frame, Pairs, ranges_of
 from services.geofence.slots import Slots
 from services.geofence.ways import ways_of
 
-__all__ = ["Crossing", "Crossings"]
+__all__ = ["RETURN", "Crossing", "Crossings"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,6 +32,8 @@ _PASS_SURE, _PASS_NARROW = 2.5, 0.7
 these are long the lesser: who walks through a wide one deep inside is told by evidence."""
 _BESIDE = 1.0
 """Standard deviations beside a line, were it without ends, from which on somebody is taken to come from that side."""
+RETURN = 10.0
+"""Seconds after a place is seen again in which whoever was there may be found, by their phone."""
 _LIKELY = 0.5
 """Of the evidence needed, with which somebody is taken to have crossed who is seen no more."""
 
@@ -53,6 +55,10 @@ class Crossings:
         self._pairs = np.empty(0, PAIR)
         self.occupancy = np.zeros(len(borders.index), np.int64)
         """How many tracks are inside each area, (borders,)."""
+        self.hidden: Callable[[Floats, Floats], Bools] | None = None
+        """Which of (n,) places, x and y in metres, nobody can see now; None: all are seen."""
+        self.lost: dict[int, float] = {}
+        """Tracks that vanished where nobody could see, and when it last was so."""
 
     @property
     def tracks(self) -> Ints:
@@ -78,6 +84,14 @@ class Crossings:
             return np.zeros(len(track), np.int64)
         found: Ints = np.where(ids[at] == track, self._slots.place["who"][slots[at]], 0)
         return found
+
+    def note_lost(self, t: float) -> None:
+        """Note who vanished where nobody can see; call before the ``step`` of the frame at ``t``."""
+        place = self.places
+        gone = np.flatnonzero(t - place["t"] > self._grace)
+        if self.hidden is not None and len(gone):
+            hidden = gone[self.hidden(place["x"][gone], place["y"][gone])]
+            self.lost |= dict.fromkeys(self.tracks[hidden].tolist(), t)
 
     def step(
         self,
@@ -177,6 +191,7 @@ class Crossings:
         tracks = slot, place["x"][slot], place["y"][slot], floor
         other = Crossings(borders, self._grace)
         other._slots = slots
+        other.hidden, other.lost = self.hidden, self.lost
         other._pairs, left = carried_over(self._pairs, old, new, becomes, unchanged, tracks)
         other._count_inside()
         happened = []
@@ -379,6 +394,7 @@ class Crossings:
         """Forget the tracks not seen for ``grace`` seconds; where they were inside, they leave at ``t``."""
         slots = self._slots
         gone = np.flatnonzero(t - slots.place["t"][slots.slot_of_id] > grace)
+        gone, quiet = self._let_go(t, gone) if np.isfinite(grace) else (gone, set())
         if not len(gone):
             return []
         slot = slots.slot_of_id[gone]
@@ -388,27 +404,40 @@ class Crossings:
             first.tolist(), last.tolist(), slots.ids[gone].tolist(), slots.place[slot], strict=True
         ):
             for pair in self._pairs[begin:end]:
-                happened += self._ended(pair, int(number), place, t)
+                happened += self._ended(pair, int(number), place, t, int(number) in quiet)
         dropped = np.isin(self._pairs["code"] // max(len(self._borders.index), 1), slot)
         self._pairs = self._pairs[~dropped]
         slots.drop(gone)
         return happened
 
-    def _ended(self, pair: Any, track: int, place: Any, t: float) -> list[Crossing]:
-        """Return what becomes of a pair whose track is seen no more."""
+    def _let_go(self, t: float, gone: Ints) -> tuple[Ints, set[int]]:
+        """Return which of those not seen for long are given up, and the tracks of them of which nothing is said."""
+        if not self.lost or not len(gone):
+            self.lost.clear()
+            return gone, set()
+        tracks = self._slots.ids[gone]
+        waits = np.array([t - self.lost.get(track, -np.inf) <= RETURN for track in tracks.tolist()], np.bool_)
+        quiet = self.lost.keys() & set(tracks[~waits].tolist())
+        self.lost = {track: self.lost[track] for track in tracks[waits].tolist()}
+        return gone[~waits], quiet
+
+    def _ended(self, pair: Any, track: int, place: Any, t: float, quiet: bool) -> list[Crossing]:
+        """Return what becomes of a pair whose track is seen no more; ``quiet``: nobody could see what it was."""
         border = int(pair["code"]) % len(self._borders.index)
         who, seen, x, y = int(place["who"]), float(place["t"]), float(place["x"]), float(place["y"])
         if not self._borders.index.is_line[border]:
             if pair["side"] > 0:
                 self.occupancy[border] -= 1
-                return [Crossing("exit", border, track, who, t, x, y)]
+                return [Crossing("lost" if quiet else "exit", border, track, who, t, x, y)]
+            if quiet:
+                return []
             # Through an area and lost just behind it.
             behind = pair["touched"] and np.isfinite(pair["anchor_x"]) and self._depth(border, x, y) < 0.0
             outside = behind and (
                 pair["away"] >= _LIKELY or -self._depth(border, x, y) <= self._borders.margins[border]
             )
             return self._passed(border, pair, (track, who), (seen, x, y), float(place["spread"])) if outside else []
-        if pair["evidence"] < _LIKELY or int(pair["net"]) * int(pair["side"]) <= 0:
+        if quiet or pair["evidence"] < _LIKELY or int(pair["net"]) * int(pair["side"]) <= 0:
             return []
         direction: Literal["forward", "backward"] = "forward" if pair["side"] > 0 else "backward"
         where = float(pair["t"]), float(pair["x"]), float(pair["y"])

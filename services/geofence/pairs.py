@@ -50,10 +50,11 @@ class Crossing:
     """One track entered or left one area, or crossed one line, at ``t`` near (x, y).
 
     ``absorbed``: it turned out to be somebody who is inside under another number: it is gone, and nobody left.
+    ``lost``: nobody could see when they left, nor whether: they are let go without a word.
     ``who`` is the person: the number of the first of the tracks that are known to be one.
     """
 
-    kind: Literal["enter", "exit", "cross", "absorbed"]
+    kind: Literal["enter", "exit", "cross", "absorbed", "lost"]
     border: int
     track: int
     who: int

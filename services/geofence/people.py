@@ -59,6 +59,7 @@ class AreaPeople:
         t: of the newest frame.
         devices: what each carries, by who; of those who vanished, what they carried last.
         unseen: whom no camera sees.
+        absent: whom nobody can see: the cameras are away that saw them.
         newest: the frame; ``who``: who each of its rows is.
     """
 
@@ -66,6 +67,7 @@ class AreaPeople:
     t: float = -np.inf
     devices: dict[int, str] = field(default_factory=dict)
     unseen: set[int] = field(default_factory=set)
+    absent: set[int] = field(default_factory=set)
     newest: Sighting | None = None
     who: Ints = field(default_factory=lambda: np.empty(0, np.int64))
 
@@ -89,6 +91,12 @@ class AreaPeople:
             kept = set(self.crossings.people(self.crossings.tracks).tolist())
             self.devices = {one: device for one, device in self.devices.items() if one in kept}
         return changed
+
+    def lost_devices(self) -> dict[str, int]:
+        """Return the tracks that vanished where nobody could see, by the device each carried."""
+        tracks = np.array(list(self.crossings.lost), np.int64)
+        carried = zip(tracks.tolist(), self.crossings.people(tracks).tolist(), strict=True)
+        return {self.devices[who]: track for track, who in carried if who in self.devices}
 
     def rows_of(self, who: Ints) -> Ints:
         """Return the rows of these people (n,) in the newest frame; -1 where it does not report them."""

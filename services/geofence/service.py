@@ -15,6 +15,7 @@ from prometheus_client import Counter, Gauge
 from services.geofence.people import Sighting
 from services.geofence.saved_state import FORMAT, SavedState, SavedStateError, read_state, write_state
 from services.geofence.settings import GeofenceSettings
+from services.geofence.sight import Sight
 from services.geofence.watch import Told, Watch
 from services.geofence.zone_plan import MOST_ZONES, ZonePlan, of_site
 from shared.acknowledgements import Acknowledgements
@@ -53,9 +54,14 @@ class GeofenceService(Service[GeofenceSettings]):
         self._told_version = -1
         """Of the newest zone set the bus told since this process began: what was saved only bridges until then."""
         self._clock = zoneinfo.ZoneInfo(site.time_zone)
+        self._sight = Sight(site)
         self._watch = self._new_watch(self._zones, 0)
         self._heard = {area.id: math.inf for area in site.areas}
         """When the newest frame came, by the monotonic clock; infinite: none yet, or the area is silent and told of."""
+        self._last = 0.0
+        """When any came last."""
+        self._unknown: tuple[object, set[str]] = (None, set())
+        """Zones that nobody can see, and what that follows from."""
         self._alerts: dict[str, Publisher[Alert]] = {}
         self._counts = bus.publisher(self.keys.occupancy(), Occupancy)
         self._counted_at = -math.inf
@@ -125,14 +131,14 @@ class GeofenceService(Service[GeofenceSettings]):
                 return
             log.info("time ran back: a new pass begins", area=frame.area, seconds=round(people.t - frame.t, 1))
             self._publish(self._watch.begin_anew(frame.area), origin)
-        self._heard[frame.area] = time.monotonic()
+        self._heard[frame.area] = self._last = time.monotonic()
         self._frames += 1
         self.health.well(f"tracks of {frame.area}")
         sighting = sighting_of(frame, self._watch.plan)
         if len(sighting.track) < len(frame.track):
             LEFT_OUT.labels("a track named twice: its second place").inc()
         POSITIONS.inc(len(sighting.track))
-        self._publish(self._watch.step(frame.area, sighting), origin)
+        self._publish(self._watch.step(frame.area, sighting, frame.cameras), origin)
 
     def _revise(self, revision: Revision, origin: float) -> None:
         if revision.area in self._watch.areas:
@@ -199,9 +205,9 @@ class GeofenceService(Service[GeofenceSettings]):
         for name, heard in self._heard.items():
             quiet = now - heard
             if quiet > self.settings.geofence_silence:
-                reason = f"no tracks for {self.settings.geofence_silence:g} s: everybody counts as gone"
+                reason = f"no tracks for {self.settings.geofence_silence:g} s: nobody knows who is in its zones"
                 self.health.degraded(f"tracks of {name}", reason)
-                self._publish(self._watch.empty(name, self._watch.areas[name].t + quiet), time.time())
+                self._watch.lose_sight(name)
                 self._heard[name] = math.inf
                 self._frames += 1
 
@@ -250,17 +256,32 @@ class GeofenceService(Service[GeofenceSettings]):
         if now - self._counted_at < self.settings.geofence_occupancy_every or not math.isfinite(newest):
             return
         self._counted_at = now
-        counts = self._watch.counts()
+        blind = self._blind()
+        counts = {zone: count for zone, count in self._watch.counts().items() if zone not in blind}
         for zone, (people, _) in counts.items():
             OCCUPANCY.labels(zone).set(people)
+        for zone in blind:
+            OCCUPANCY.labels(zone).set(math.nan)
+        if all(math.isinf(heard) for heard in self._heard.values()):
+            newest += now - self._last  # time goes on, also where nobody tells of it
         self._counts.publish(
             Occupancy(
                 t=newest,
                 zone=list(counts),
                 people=[people for people, _ in counts.values()],
                 phones=[phones for _, phones in counts.values()],
+                blind=sorted(blind),
             )
         )
+
+    def _blind(self) -> set[str]:
+        """Return the zones that nobody can see; of them it is not known who is inside."""
+        plan = self._watch.plan
+        follows_from = plan.zones, [sight.blind for sight in self._sight.areas.values()]
+        if follows_from != self._unknown[0]:
+            counted = [zone for zone in self._zones if zone.id in plan.counted]
+            self._unknown = follows_from, self._sight.blind_zones(counted)
+        return self._unknown[1]
 
     # -- zones and state ---------------------------------------------------------------------------------------------
 
@@ -270,7 +291,7 @@ class GeofenceService(Service[GeofenceSettings]):
 
     def _new_watch(self, zones: Sequence[ZoneDefinition], version: int) -> Watch:
         areas = [area.id for area in self.site.areas]
-        return Watch(self._plan(zones, version), areas, self._clock, self.settings.geofence_grace)
+        return Watch(self._plan(zones, version), areas, self._clock, self.settings.geofence_grace, self._sight.areas)
 
     def _show_zones(self) -> None:
         plan = self._watch.plan

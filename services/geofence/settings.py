@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pydantic import Field
 
+from shared.kept import Kept, state_on_disk
 from shared.settings import ServiceSettings
 
 __all__ = ["GeofenceSettings"]
@@ -27,7 +28,7 @@ class GeofenceSettings(ServiceSettings):
         2.0, gt=0, le=600, description="seconds after which a track that vanished inside a zone has left it"
     )
     geofence_silence: float = Field(
-        10.0, gt=0, le=3600, description="seconds without any tracks of an area after which everybody has left"
+        10.0, gt=0, le=3600, description="seconds without any tracks of an area after which nobody knows who is there"
     )
     geofence_history: int = Field(
         200, ge=1, le=100_000, description="alerts of each zone kept for readers that join later"
@@ -39,3 +40,17 @@ class GeofenceSettings(ServiceSettings):
         None, description="where it is kept across restarts who is inside of what and what was told"
     )
     state_every: float = Field(5.0, gt=0.0, le=3600.0, description="seconds between two saved states")
+
+    def kept(self) -> list[Kept]:
+        """What geofence keeps of people."""
+        rows = [
+            Kept(what="who is in which zone, since when, and what was told of it", note="in memory, until they left"),
+            Kept(
+                what="the newest alerts of each zone, for who joins later",
+                settings=("geofence_history",),
+                note="in memory, until newer ones take their place or the process ends",
+            ),
+        ]
+        if self.state_folder is not None:
+            rows.append(state_on_disk("who is in which zone, on disk, for a restart", self.state_every))
+        return rows

@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import tzinfo
 from typing import Any, Literal
@@ -22,6 +22,7 @@ from services.geofence.gatherings import Gatherings
 from services.geofence.people import AreaPeople, Person, Sighting, twin_of
 from services.geofence.quiet import Quiet, name_of
 from services.geofence.schedule import holds
+from services.geofence.sight import AreaSight
 from services.geofence.visits import Visit, Visits
 from services.geofence.zone_plan import MOST_SPREAD, Rule, ZonePlan
 from shared.messages import Revision
@@ -78,13 +79,22 @@ class Watch:
         areas: ids of the site's areas.
         zone: of the site's clocks.
         grace: seconds after which somebody who vanished has left.
+        sight: what the cameras of each area see; of one that is not named, always all.
     """
 
-    def __init__(self, plan: ZonePlan, areas: Iterable[str], zone: tzinfo, grace: float) -> None:
+    def __init__(
+        self,
+        plan: ZonePlan,
+        areas: Iterable[str],
+        zone: tzinfo,
+        grace: float,
+        sight: Mapping[str, AreaSight] | None = None,
+    ) -> None:
         self.plan = plan
         self._zone = zone
         self._grace = grace
-        self.areas = {area: AreaPeople(Crossings(plan.borders, grace)) for area in areas}
+        self._sight = sight or {}
+        self.areas = {area: self._nobody(area) for area in areas}
         """By id."""
         self._visits = Visits()
         self._quiet = Quiet()
@@ -93,14 +103,30 @@ class Watch:
         self._due: list[tuple[float, int, Visit, Rule]] = []
         self._number = itertools.count()
 
-    def step(self, area: str, sighting: Sighting) -> list[Told]:
-        """Advance to a newer frame of one area and return what there is to tell."""
+    def step(self, area: str, sighting: Sighting, cameras: Collection[str] | None = None) -> list[Told]:
+        """Advance to a newer frame of one area and return what there is to tell.
+
+        Args:
+            area: its id.
+            sighting: the frame.
+            cameras: which cameras fed it; None: all of the area.
+        """
         people = self.areas[area]
+        if area in self._sight:
+            self._sight[area].look(sighting.t, cameras)
         while self._recent and sighting.t - self._recent[0].crossing.t > RECENT:
             self._recent.popleft()
         known = self._known_well(sighting)
         rest, well = np.flatnonzero(~known), np.flatnonzero(known)
         track, former = sighting.track, sighting.former
+        people.crossings.note_lost(sighting.t)
+        if people.crossings.lost:
+            # Who was lost while nobody could see is found by the phone.
+            lost = people.lost_devices()
+            former = [
+                [lost[device], *before] if device in lost else before
+                for device, before in zip(sighting.device, former, strict=True)
+            ]
         people.crossings.hold(sighting.t, track[rest], [former[row] for row in rest.tolist()], track[well])
         happened = people.crossings.step(
             sighting.t,
@@ -113,22 +139,33 @@ class Watch:
             sighting.covariance[well] + LEAST_SPREAD**2 * np.array([1.0, 0.0, 1.0]),
         )
         changed = people.take(sighting)
+        people.absent = set(people.crossings.people(np.array(list(people.crossings.lost), np.int64)).tolist())
         told = [one for crossing in happened for one in self._take(area, crossing)]
         told += [one for who in changed for one in self._reconsider(area, who)]
         told += self._stays(sighting.t)
         return told + self._conditions(area, sighting.t)
 
     def empty(self, area: str, t: float) -> list[Told]:
-        """Let everybody leave an area at ``t``: it is silent, or its time begins anew."""
+        """Let everybody leave an area at ``t``: its time begins anew."""
         people = self.areas[area]
         told = [one for crossing in people.crossings.close(t) for one in self._take(area, crossing)]
         people.newest, people.who = None, np.empty(0, np.int64)
         return told
 
+    def lose_sight(self, area: str) -> None:
+        """Note that an area is silent: nobody knows who is there, and nobody has left."""
+        people = self.areas[area]
+        if area in self._sight:
+            self._sight[area].lose()
+        people.newest, people.who = None, np.empty(0, np.int64)
+        people.absent = set(people.crossings.people(people.crossings.tracks).tolist())
+
     def begin_anew(self, area: str) -> list[Told]:
         """Forget an area whose time ran back: another pass of a recording begins."""
         told = self.empty(area, self.areas[area].t)
-        self.areas[area] = AreaPeople(Crossings(self.plan.borders, self._grace))
+        if area in self._sight:
+            self._sight[area].forget()
+        self.areas[area] = self._nobody(area)
         self._quiet.clear()
         self._gatherings.clear()
         self._recent.clear()
@@ -201,7 +238,8 @@ class Watch:
         counted = {}
         for zone, border in self.plan.counted.items():
             visits = self._visits.at(border)
-            devices = {device for visit in visits if (device := self._device(visit)) is not None}
+            here = [visit for visit in visits if not self._absent(visit)]
+            devices = {device for visit in here if (device := self._device(visit)) is not None}
             unheard = [visit for visit in visits if all(self.areas[area].newest is None for area, _ in visit.seats)]
             counted[zone] = (people[zone] + sum(self._seen(visit) for visit in unheard), len(devices))
         return counted
@@ -287,6 +325,9 @@ class Watch:
             if left is None:
                 return []
             happening = _Happening("exit", crossing, person)
+        elif crossing.kind == "lost":
+            self._visits.leave(crossing.border, person)
+            return []
         elif crossing.kind == "absorbed":
             self._absorb(crossing, person)
             return []
@@ -369,7 +410,7 @@ class Watch:
             if not visit.open or rule.key in visit.told:
                 continue
             device, (area, who) = self._device(visit), visit.person
-            if not self._may(rule, t, device, self._names(visit.person, device)):
+            if self._absent(visit) or not self._may(rule, t, device, self._names(visit.person, device)):
                 heapq.heappush(self._due, (t + _AGAIN, next(self._number), visit, rule))
                 continue
             visit.told.add(rule.key)
@@ -436,7 +477,16 @@ class Watch:
         return next((device for device in known if device is not None), None)
 
     def _seen(self, visit: Visit) -> bool:
-        return any(who not in self.areas[area].unseen for area, who in visit.seats)
+        return any(who not in self.areas[area].unseen | self.areas[area].absent for area, who in visit.seats)
+
+    def _absent(self, visit: Visit) -> bool:
+        return all(who in self.areas[area].absent for area, who in visit.seats)
+
+    def _nobody(self, area: str) -> AreaPeople:
+        crossings = Crossings(self.plan.borders, self._grace)
+        if area in self._sight:
+            crossings.hidden = self._sight[area].hidden
+        return AreaPeople(crossings)
 
     def _track(self, visit: Visit) -> int:
         """Return the number a visitor goes by now."""

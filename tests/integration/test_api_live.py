@@ -12,6 +12,7 @@ import httpx
 import pytest
 from api_in_process import running
 from waiting import wait_until
+from webhook_receiver import receiver
 
 from services.api.stream import READERS, SKIPPED
 from shared.bus import Bus, router
@@ -210,9 +211,12 @@ def test_positions_age_and_health_tells_when_tracks_stop(
     site: Site, project: Path, zenoh_router: str, free_port: int
 ) -> None:
     with (
-        running(site, project, zenoh_router, free_port, stale_after=0.3) as address,
+        running(site, project, zenoh_router, free_port, stale_after=0.3, expected_services=[]) as address,
         Bus([zenoh_router]) as bus,
     ):
+        # Were the camera away, that would be told instead.
+        camera = bus.publisher(Keys(site.site).camera_status("hall-east"), CameraStatus, cached=True)
+        camera.publish(CameraStatus(t=time.time(), camera="hall-east", state="ok", frames_per_s=15.0))
         publishing(bus, lambda: get(address, "/v1/positions")["positions"], "a position")
         first = get(address, "/v1/positions")["positions"][0]["age"]  # type: ignore[index]
         wait_until(
@@ -236,7 +240,15 @@ def test_positions_age_and_health_tells_when_tracks_stop(
 def test_health_says_what_services_find_wrong_themselves(
     site: Site, project: Path, zenoh_router: str, free_port: int
 ) -> None:
-    with running(site, project, zenoh_router, free_port) as address, Bus([zenoh_router]) as bus:
+    changes = {"trouble_after": 0.2, "webhook_networks": ["127.0.0.0/8"]}
+    with (
+        running(site, project, zenoh_router, free_port, **changes) as address,
+        Bus([zenoh_router]) as bus,
+        receiver() as guard,
+    ):
+        events = Events(address)
+        asked = {"url": f"{guard.url}/guard", "kinds": ["trouble"], "zones": ["entrance"]}
+        assert httpx.post(f"{address}/v1/webhooks", headers=KEY, json=asked).status_code == 201
         bus.answer(Keys(site.site).health("fusion", "0"), lambda: b'{"time": "time went backwards, 5 or more"}')
         bus.answer(Keys(site.site).health("odd", "0"), lambda: b"no JSON")
         wait_until(
@@ -244,6 +256,14 @@ def test_health_says_what_services_find_wrong_themselves(
             DEADLINE,
             "fusion's own words",
         )
+
+        def told() -> bool:
+            posted = {json.loads(body)["trouble"]["words"] for _, _, body in list(guard.taken)}
+            streamed = {str(one["words"]) for one in events.of("trouble")}
+            return "fusion: time went backwards, 5 or more" in posted & streamed
+
+        wait_until(told, DEADLINE, "the guard to be told")
+        events.close()
 
 
 def test_a_wrong_key_is_refused_everywhere(site: Site, project: Path, zenoh_router: str, free_port: int) -> None:

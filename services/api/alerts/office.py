@@ -17,11 +17,13 @@ from services.api.alerts.event_numbers import EventNumbers
 from services.api.alerts.host_lookup import HostLookup
 from services.api.alerts.inbox import AlertInbox
 from services.api.alerts.past_alerts import PastAlerts
+from services.api.alerts.trouble_desk import TroubleDesk
 from services.api.alerts.webhook_routes import webhook_routes
 from services.api.alerts.webhook_sender import Patience, WebhookSender
 from services.api.alerts.webhook_store import WebhookStore
 from services.api.settings import ApiSettings
 from services.api.stream import Hub
+from services.api.trouble import Trouble
 from shared.runner import ServiceError
 from shared.site import Site
 
@@ -76,6 +78,7 @@ class AlertOffice:
         )
         lookup = HostLookup(settings.webhooks_most + 1)
         self._sender = WebhookSender(self._webhooks, site.site, patience, self._allowed, lookup)
+        self._troubles = TroubleDesk(self._webhooks.enqueue_trouble, self._sender.wake)
         self.desk = AlertDesk(self._engine, self._inbox, told, self._sender.wake, erased, without)
         self.desk.remember()
 
@@ -94,6 +97,10 @@ class AlertOffice:
         """What was told before the log of events begins."""
         return PastAlerts(self._engine, self._inbox)
 
+    def tell_trouble(self, trouble: Trouble) -> None:
+        """Have trouble sent to the webhooks that ask for it."""
+        self._troubles.tell(trouble)
+
     def routers(self, hub: Hub, zones: Callable[[], Iterable[str]]) -> list[APIRouter]:
         """Return the routes of alerts and webhooks; ``zones``: the ids of those that hold now."""
         return [
@@ -107,7 +114,11 @@ class AlertOffice:
         """Return the threads that write and send until ``stopping`` is set, not yet started."""
         return [
             threading.Thread(target=work, args=(stopping,), name=name, daemon=True)
-            for name, work in (("alerts", self.desk.run), ("webhooks", self._sender.run))
+            for name, work in (
+                ("alerts", self.desk.run),
+                ("troubles", self._troubles.run),
+                ("webhooks", self._sender.run),
+            )
         ]
 
     def close(self) -> None:

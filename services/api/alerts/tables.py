@@ -64,14 +64,18 @@ class WebhookRow(Base):
 
 
 class DeliveryRow(Base):
-    """One alert that one webhook has yet to be sent, or (``dead``) that it never took. What was taken has no row."""
+    """One alert or trouble that one webhook has yet to be sent, or (``dead``) that it never took. What was taken
+    has no row.
+    """
 
     __tablename__ = "api_deliveries"
     __table_args__ = (Index("ix_api_deliveries_due", "webhook", "dead", "due"), {"sqlite_autoincrement": True})
 
     id: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     webhook: Mapped[str] = mapped_column(ForeignKey("api_webhooks.id", ondelete="CASCADE"))
-    alert: Mapped[int] = mapped_column(ForeignKey("api_alerts.seq", ondelete="CASCADE"), index=True)
+    alert: Mapped[int | None] = mapped_column(ForeignKey("api_alerts.seq", ondelete="CASCADE"), index=True)
+    trouble: Mapped[bytes | None] = mapped_column(LargeBinary)
+    """Where it is no alert: the ``Trouble``, JSON."""
     dead: Mapped[bool] = mapped_column(default=False)
     attempts: Mapped[int] = mapped_column(default=0)
     due: Mapped[float] = mapped_column(Float(53))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
 from services.api.replies import Reply
+from services.api.trouble import Trouble
 from shared.messages import Alert, AlertKind
 from shared.zones import Id
 
@@ -23,14 +24,18 @@ __all__ = [
 ]
 
 
+WebhookKind = Literal[AlertKind, "trouble", "recovered"]
+"""Kinds of alerts, and technical trouble: it begins, it is over."""
+
+
 class WebhookDefinition(msgspec.Struct, frozen=True, kw_only=True):
     """Whom to send which alerts."""
 
     url: Annotated[str, Meta(max_length=2000)]
     """https; http only into networks that the setting ``webhook_networks`` allows."""
     name: Annotated[str, Meta(max_length=200)] = ""
-    kinds: Annotated[list[AlertKind], Meta(max_length=20)] = []
-    """Only these kinds; empty: all."""
+    kinds: Annotated[list[WebhookKind], Meta(max_length=20)] = []
+    """Only these kinds; empty: all alerts. Technical trouble, of whatever zones, only where it is named."""
     zones: Annotated[list[Id], Meta(max_length=1000)] = []
     """Only of these zones; empty: of all."""
     enabled: bool = True
@@ -43,7 +48,7 @@ class Webhook(Reply, frozen=True, kw_only=True):
     id: str
     url: str
     name: str
-    kinds: list[AlertKind]
+    kinds: list[WebhookKind]
     zones: list[str]
     enabled: bool
     created: float
@@ -76,10 +81,11 @@ class Webhooks(Reply, frozen=True, kw_only=True):
 
 
 class DeadLetter(Reply, frozen=True, kw_only=True):
-    """An alert that a webhook never took."""
+    """An alert or trouble that a webhook never took."""
 
     id: int
-    alert: Alert
+    alert: Alert | None = None
+    trouble: Trouble | None = None
     attempts: int
     died: float
     reason: str
@@ -100,9 +106,10 @@ class Replayed(Reply, frozen=True, kw_only=True):
     replayed: int
 
 
-class WebhookMessage(Reply, frozen=True, kw_only=True):
-    """What a webhook is sent; ``id`` stays the same when it is sent again."""
+class WebhookMessage(Reply, frozen=True, kw_only=True, omit_defaults=True):
+    """What a webhook is sent: an alert or trouble; ``id`` stays the same when it is sent again."""
 
     id: str
     site: str
-    alert: Alert
+    alert: Alert | None = None
+    trouble: Trouble | None = None

@@ -164,8 +164,10 @@ class WebhookSender:
 
     async def _send(self, pool: httpcore.AsyncConnectionPool, due: Due) -> str | None:
         """Send one message; return why it was not taken, None if it was."""
-        message = "msg_" + hashlib.sha256(f"{due.webhook}/{due.alert.id}".encode()).hexdigest()[:32]
-        body = msgspec.json.encode(WebhookMessage(id=message, site=self._site, alert=due.alert))
+        about = due.alert or due.trouble
+        message = "msg_" + hashlib.sha256(f"{due.webhook}/{about.id if about else ''}".encode()).hexdigest()[:32]
+        told = WebhookMessage(id=message, site=self._site, alert=due.alert, trouble=due.trouble)
+        body = msgspec.json.encode(told)
         headers = {
             "Content-Type": "application/json",
             "User-Agent": "atrium",

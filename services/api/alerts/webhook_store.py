@@ -15,11 +15,13 @@ from sqlalchemy.orm import Session
 from services.api.alerts.signature import new_secret
 from services.api.alerts.tables import LONGEST_ID, LONGEST_REASON, AlertRow, DeliveryRow, WebhookRow
 from services.api.alerts.webhook_replies import DeadLetter, NewWebhook, Webhook, WebhookDefinition
+from services.api.trouble import Trouble
 from shared.messages import Alert
 
 __all__ = ["Due", "TooManyError", "WebhookStore"]
 
 _alert = msgspec.json.Decoder(Alert)
+_trouble = msgspec.json.Decoder(Trouble)
 
 
 class TooManyError(Exception):
@@ -35,7 +37,8 @@ class Due:
     url: str
     secret: str
     attempts: int
-    alert: Alert
+    alert: Alert | None
+    trouble: Trouble | None = None
 
 
 class WebhookStore:
@@ -69,9 +72,22 @@ class WebhookStore:
                     continue
                 dead = room <= 0
                 room -= 1
-                reason = f"more than {self._most_waiting} alerts were waiting" if dead else ""
+                reason = _too_many(self._most_waiting) if dead else ""
                 row = DeliveryRow(webhook=webhook.id, alert=alert.seq, dead=dead, attempts=0, due=now, reason=reason)
                 session.add(row)
+
+    def enqueue_trouble(self, trouble: Trouble) -> None:
+        """Write down whom trouble is to be sent to: webhooks that name its kind, of whatever zones."""
+        with Session(self._engine) as session, session.begin():
+            for webhook in session.scalars(select(WebhookRow).where(WebhookRow.enabled)):
+                if trouble.kind not in msgspec.json.decode(webhook.kinds):
+                    continue
+                dead = _count(session, webhook.id, dead=False) >= self._most_waiting
+                reason = _too_many(self._most_waiting) if dead else ""
+                told, now = msgspec.json.encode(trouble), time.time()
+                session.add(
+                    DeliveryRow(webhook=webhook.id, trouble=told, dead=dead, attempts=0, due=now, reason=reason)
+                )
 
     # -- what staff do ---------------------------------------------------------------------------------------------
 
@@ -145,14 +161,19 @@ class WebhookStore:
             _held(session, webhook)
             found = session.execute(
                 select(DeliveryRow, AlertRow)
-                .join(AlertRow, AlertRow.seq == DeliveryRow.alert)
+                .outerjoin(AlertRow, AlertRow.seq == DeliveryRow.alert)
                 .where(DeliveryRow.webhook == webhook, DeliveryRow.dead, DeliveryRow.id > after)
                 .order_by(DeliveryRow.id)
                 .limit(limit)
             )
             return [
                 DeadLetter(
-                    id=row.id, alert=_alert.decode(alert.told), attempts=row.attempts, died=row.due, reason=row.reason
+                    id=row.id,
+                    alert=None if alert is None else _alert.decode(alert.told),
+                    trouble=_trouble_of(row),
+                    attempts=row.attempts,
+                    died=row.due,
+                    reason=row.reason,
                 )
                 for row, alert in found
             ]
@@ -196,14 +217,22 @@ class WebhookStore:
                     continue
                 rows = session.execute(
                     select(DeliveryRow, AlertRow.told)
-                    .join(AlertRow, AlertRow.seq == DeliveryRow.alert)
+                    .outerjoin(AlertRow, AlertRow.seq == DeliveryRow.alert)
                     .where(DeliveryRow.webhook == webhook.id, DeliveryRow.dead.is_(False), DeliveryRow.due <= now)
                     .order_by(DeliveryRow.due, DeliveryRow.id)
                     .limit(most + each)
                 )
                 ready = [(row, told) for row, told in rows if row.id not in under_way]
                 found += [
-                    Due(row.id, webhook.id, webhook.url, webhook.secret, row.attempts, _alert.decode(told))
+                    Due(
+                        row.id,
+                        webhook.id,
+                        webhook.url,
+                        webhook.secret,
+                        row.attempts,
+                        None if told is None else _alert.decode(told),
+                        _trouble_of(row),
+                    )
                     for row, told in ready[:most]
                 ]
         return found
@@ -250,6 +279,14 @@ class WebhookStore:
                 if first is not None:
                     which = (DeliveryRow.webhook == webhook, DeliveryRow.dead, DeliveryRow.id <= first)
                     session.execute(delete(DeliveryRow).where(*which))
+
+
+def _too_many(most: int) -> str:
+    return f"more than {most} alerts were waiting"
+
+
+def _trouble_of(row: DeliveryRow) -> Trouble | None:
+    return None if row.trouble is None else _trouble.decode(row.trouble)
 
 
 def _columns(definition: WebhookDefinition) -> dict[str, Any]:

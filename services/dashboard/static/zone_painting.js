@@ -32,7 +32,7 @@ export function nameZone(context, view, zone, colour = "#1d5d57", taken = []) {
   const isLine = zone.shape === "line";
   const wide = extent(corners) * view.scale;
   if (!isLine && wide < 40) return;
-  const count = zone.inside === undefined || isLine ? "" : ` · ${zone.inside}`;
+  const count = zone.inside === undefined || isLine ? "" : zone.blind ? " · ?" : ` · ${zone.inside}`;
   const look = { most: isLine ? LINE_NAME : wide - 10, size: 12, weight: 600, colour, align: "left" };
   shownName(context, zone.name || zone.id, count, [x + 7, isLine ? y - 9 : y + 12], look, taken);
 }

@@ -169,6 +169,9 @@ def test_a_selection_tells_its_part_and_nothing_else() -> None:
     of_nave = Selection(EVERYTHING, place=Place(zone="nave"))
     told = told_of(of_nave, "occupancy", counts, None)
     assert (told["zone"], told["people"], told["phones"]) == (["nave"], [4], [2])  # type: ignore[index]
+    unknown = Occupancy(t=1.0, zone=["entrance"], people=[3], phones=[1], blind=["nave"])
+    told = told_of(of_nave, "occupancy", unknown, None)
+    assert (told["zone"], told["blind"]) == ([], ["nave"])  # type: ignore[index]
     assert told_of(of_nave, "alert", met, zone="entrance") is None
     both = Selection(EVERYTHING, device="q", place=Place(zone="entrance"))
     assert told_of(both, "alert", met, zone="entrance") is not None

@@ -6,6 +6,7 @@ from services.api.retention import retention_report
 from services.camera.settings import CameraSettings
 from services.fusion.settings import FusionSettings
 from services.gateway.settings import GatewaySettings
+from services.geofence.settings import GeofenceSettings
 from services.history.settings import HistorySettings
 from shared.kept import encode_kept
 from shared.keys import Keys
@@ -41,7 +42,14 @@ def test_the_table_shows_what_is_set_once_per_kind_and_names_who_is_silent() -> 
 
 def test_every_setting_that_is_named_is_one() -> None:
     fusion = FusionSettings(site_file=SITE, state_folder=Path("state"))
+    geofence = GeofenceSettings(site_file=SITE, state_folder=Path("state"))
     gateway = GatewaySettings(site_file=SITE, profile="demo")
-    for settings in (HistorySettings(site_file=SITE), CameraSettings(site_file=SITE, camera="a"), fusion, gateway):
+    for settings in (
+        HistorySettings(site_file=SITE),
+        CameraSettings(site_file=SITE, camera="a"),
+        fusion,
+        gateway,
+        geofence,
+    ):
         named = {name for row in settings.kept() for name in row.settings}
         assert named <= set(type(settings).model_fields)
