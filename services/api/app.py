@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 
 import msgspec
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, Depends, FastAPI
 from fastapi_offline import FastAPIOffline
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
@@ -23,6 +23,7 @@ from services.api.erasures import ErasureBoard, erasure_routes
 from services.api.history_link import HistoryLink
 from services.api.history_reads import history_reads
 from services.api.hot_reads import HotReads
+from services.api.known_queries import only_known_queries
 from services.api.learning_link import LearningLink
 from services.api.learning_maps import learning_maps
 from services.api.learning_orders import learning_orders
@@ -112,6 +113,7 @@ def create_app(
         version="1",
         lifespan=lifespan,
         middleware=layers,
+        dependencies=[Depends(only_known_queries)],
         redirect_slashes=False,
         generate_unique_id_function=named,
     )

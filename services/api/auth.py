@@ -61,7 +61,6 @@ CHANGES: dict[str, Scope] = {
     "exhibits": "zones-admin",
     "learning": "learning-admin",
     "alerts": "acknowledge",
-    "access-points": "setup",
     "devices": "erase",
 }
 """What anything but a read asks for there."""

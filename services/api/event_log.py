@@ -1,7 +1,6 @@
 """One log of everything that streams tell: ids that are unique and in order, bytes made once, memory that is bounded.
 
-Belongs to one thread (the HTTP event loop). Ids count up by one from where the log began; a log that begins with the
-microseconds of the wall clock goes on above every id of the process before it.
+Belongs to one thread (the HTTP event loop). Ids count up by one from where the log began.
 """
 
 from __future__ import annotations

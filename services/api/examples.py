@@ -32,6 +32,7 @@ _POSITION: dict[str, Any] = {
     "x": 9.41,
     "y": 3.2,
     "covariance": [0.04, 0.0, 0.05],
+    "accuracy": 0.224,
     "vx": 0.9,
     "vy": 0.1,
     "t": 1767225600.2,

@@ -14,6 +14,7 @@ import pyarrow
 import pyarrow.parquet
 from starlette.responses import Response
 
+from services.api.admin.geojson import PLAN_METRES
 from shared.site.geographic import PlanOnEarth
 
 __all__ = ["csv_answer", "geojson_answer", "parquet_answer"]
@@ -67,7 +68,7 @@ def geojson_answer(columns: Mapping[str, Sequence[Any]], device: str, earth: Pla
         features.append({"type": "Feature", "geometry": geometry, "properties": properties})
     body: dict[str, Any] = {"type": "FeatureCollection", "features": features}
     if earth is None:
-        body["crs"] = {"type": "name", "properties": {"name": "plan metres"}}
+        body["crs"] = {"type": "name", "properties": {"name": PLAN_METRES}}
     return Response(msgspec.json.encode(body), media_type=GEOJSON)
 
 

@@ -19,6 +19,7 @@ from services.api.history_seats import HistorySeats
 from services.api.openapi import documented
 from services.api.problems import ProblemError, invalid_value, unknown
 from services.api.seen import Seen, saw
+from services.api.times import TIME, Time
 from shared.history_query import (
     STATES,
     AskDwell,
@@ -41,10 +42,8 @@ from shared.zones import ZoneDefinition
 
 __all__ = ["history_reads"]
 
-Since = Annotated[
-    float | None, Query(allow_inf_nan=False, description="from this time on, s; default: local midnight of today")
-]
-Until = Annotated[float | None, Query(allow_inf_nan=False, description="until just before this time, s; default: now")]
+Since = Annotated[Time | None, Query(description=f"from this time on, {TIME}; default: local midnight of today")]
+Until = Annotated[Time | None, Query(description="until just before this time; default: now")]
 Day = Annotated[
     str | None,
     Query(description="instead of since and until: a day of the site's time zone such as 2026-11-23", max_length=20),

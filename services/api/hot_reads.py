@@ -43,6 +43,7 @@ class _Source:
                 (b"content-length", str(len(body)).encode()),
                 (b"etag", self.tag),
                 (b"cache-control", b"no-cache"),
+                (b"vary", b"Accept"),
             ]
         return body, self._headers
 

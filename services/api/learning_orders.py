@@ -16,7 +16,7 @@ from services.api.learning_link import LearningLink
 from services.api.learning_replies import LearningDone, RollBack
 from services.api.openapi import documented, errors
 from services.api.problems import Problem, ProblemError
-from services.api.request_body import invalid, read_body
+from services.api.request_body import described, invalid, read_body, read_json, read_struct
 from services.api.seen import ALL, saw
 from shared.keys import is_identifier
 from shared.learning_command import LearningAnswer, LearningCommand
@@ -26,6 +26,7 @@ __all__ = ["learning_orders"]
 
 log = structlog.get_logger(__name__)
 
+_ROLL_BACK = f"kind: {', '.join(get_args(ModelKind))}; subject: the id of an area, camera or device"
 LARGEST_ORDER = 4096
 LARGEST_BUNDLE = 64 * 2**20
 """Bytes."""
@@ -36,6 +37,7 @@ _BUNDLE: dict[int | str, dict[str, Any]] = {
         "content": {"application/json": {"schema": {"type": "object"}, "example": {"format": "atrium-models/1"}}},
     }
 }
+_A_BUNDLE = {"requestBody": {"required": True, "content": _BUNDLE[200]["content"]}}
 
 
 def learning_orders(link: LearningLink) -> APIRouter:
@@ -66,11 +68,11 @@ def learning_orders(link: LearningLink) -> APIRouter:
     @router.post(
         "/rollback",
         responses=documented(LearningDone, 404, 409, 413, 422, 503),
-        openapi_extra=_body("RollBack", {"kind": "radio", "subject": "hall"}),
+        openapi_extra=described(RollBack, {"kind": "radio", "subject": "hall"}),
     )
     async def roll_back(request: Request) -> Response:
         """Return one model to the version before; the order is logged with the key's name."""
-        wanted = _roll_back_of(await read_body(request, LARGEST_ORDER))
+        wanted = await read_struct(request, RollBack, LARGEST_ORDER, _ROLL_BACK)
         command = LearningCommand(do="rollback", kind=wanted.kind, subject=wanted.subject)
         return done(await run_in_threadpool(order, request, command))
 
@@ -102,7 +104,7 @@ def learning_orders(link: LearningLink) -> APIRouter:
     @router.post(
         "/import",
         responses=documented(LearningDone, 409, 413, 422, 503),
-        openapi_extra=_body(None, {"format": "atrium-models/1"}),
+        openapi_extra=_A_BUNDLE,
     )
     async def bring_in(
         request: Request,
@@ -112,10 +114,7 @@ def learning_orders(link: LearningLink) -> APIRouter:
     ) -> Response:
         """Bring in what an export took out; it goes live once it wins. What does not fit changes nothing."""
         body = await read_body(request, LARGEST_BUNDLE)
-        try:
-            msgspec.json.decode(body, type=dict[str, msgspec.Raw])
-        except msgspec.MsgspecError as reason:
-            raise invalid("body", str(reason), "the JSON object that GET /v1/learning/export answered") from reason
+        read_json(body, "the JSON object that GET /v1/learning/export answered", dict[str, msgspec.Raw])
         command = LearningCommand(
             do="import",
             bundle=msgspec.Raw(body),
@@ -128,41 +127,12 @@ def learning_orders(link: LearningLink) -> APIRouter:
     return router
 
 
-def _body(schema: str | None, example: dict[str, Any]) -> dict[str, Any]:
-    """Return how the OpenAPI document describes a body that the route reads itself."""
-    described = {"type": "object"} if schema is None else {"$ref": f"#/components/schemas/{schema}"}
-    return {
-        "requestBody": {"required": True, "content": {"application/json": {"schema": described, "example": example}}}
-    }
-
-
 def _renamed(field: str, pairs: Sequence[str]) -> dict[str, str]:
     names = dict(pair.split(":", 1) for pair in pairs if pair.count(":") == 1)
     wrong = [pair for pair in pairs if pair.count(":") != 1 or not all(map(is_identifier, pair.split(":")))]
     if wrong:
         raise invalid(field, wrong[0][:100], "THERE:HERE, the name it had there and the one it has here")
     return names
-
-
-def _roll_back_of(body: bytes) -> RollBack:
-    allowed = '{"kind": …, "subject": …}, a kind of model and an area, camera or device'
-    try:
-        told = msgspec.json.decode(body, type=dict[str, Any])
-    except msgspec.MsgspecError as reason:
-        raise invalid("body", str(reason), allowed) from reason
-    for field in told:
-        if field not in ("kind", "subject"):
-            raise invalid(field[:64], "a field that means nothing here", allowed)
-    kind, subject = told.get("kind"), told.get("subject")
-    if kind not in get_args(ModelKind):
-        raise invalid("kind", _value(kind), ", ".join(get_args(ModelKind)))
-    if not isinstance(subject, str):
-        raise invalid("subject", _value(subject), "the id of an area, camera or device")
-    return msgspec.convert(told, RollBack)
-
-
-def _value(found: object) -> str:
-    return "nothing" if found is None else str(found)[:64]
 
 
 def _refusal(command: LearningCommand, answer: LearningAnswer) -> ProblemError:

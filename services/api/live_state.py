@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
+from services.api.accuracy import accuracy_of
 from services.api.replies import (
     AreaFreshness,
     CameraReport,
@@ -23,10 +24,9 @@ from services.api.replies import (
     Track,
     Tracks,
     ZoneReport,
-    Zones,
 )
 from services.api.track_memory import Since, TrackMemory
-from services.api.zones_drawn import ZonesDrawn, zones_of
+from services.api.zones_drawn import People, ZonesDrawn, zones_of
 from shared.erased import Erased
 from shared.messages import CameraStatus, TrackFrame
 from shared.site import Site
@@ -64,7 +64,7 @@ class _ReadyBytes:
 
     __slots__ = ("_build", "_built_at", "_bytes", "_version")
 
-    def __init__(self, build: Callable[[float], Reply]) -> None:
+    def __init__(self, build: Callable[[float], Reply | bytes]) -> None:
         self._build = build
         self._bytes = b""
         self._built_at = -math.inf
@@ -72,7 +72,8 @@ class _ReadyBytes:
 
     def at(self, now: float, version: int) -> bytes:
         if version != self._version or not 0.0 <= now - self._built_at < REBUILD_AFTER:
-            self._bytes = msgspec.json.encode(self._build(now))
+            built = self._build(now)
+            self._bytes = built if isinstance(built, bytes) else msgspec.json.encode(built)
             self._built_at = now
             self._version = version
         return self._bytes
@@ -102,7 +103,7 @@ class LiveState:
         self._tracks: dict[str | None, _ReadyBytes] = {}
         for area in (None, *(area.id for area in site.areas)):
             self._tracks[area] = _ReadyBytes(lambda now, area=area: self._build_tracks(now, area))  # type: ignore[misc]
-        self._zones = _ReadyBytes(self._build_zones)
+        self._zones = _ReadyBytes(self._build_zones_json)
         self._cameras = _ReadyBytes(lambda now: Cameras(t=now, cameras=self.cameras(now)))
 
     def take_tracks(self, frame: TrackFrame, origin: float) -> bool:
@@ -254,6 +255,7 @@ class LiveState:
             x=frame.x[index],
             y=frame.y[index],
             covariance=frame.covariance[index],
+            accuracy=accuracy_of(frame.covariance[index]),
             vx=frame.vx[index],
             vy=frame.vy[index],
             t=frame.t,
@@ -277,6 +279,7 @@ class LiveState:
                     x=frame.x[i],
                     y=frame.y[i],
                     covariance=frame.covariance[i],
+                    accuracy=accuracy_of(frame.covariance[i]),
                     vx=frame.vx[i],
                     vy=frame.vy[i],
                     t=frame.t,
@@ -300,15 +303,18 @@ class LiveState:
 
     def zone(self, name: str, now: float) -> ZoneReport:
         """Return one zone and who is in it (KeyError if there is none such)."""
-        return self._build_zones(now).zones[self._drawn.ids[name]]
+        return self._drawn.reports(self._people(now))[self._drawn.ids[name]]
 
-    def _build_zones(self, now: float) -> Zones:
+    def _build_zones_json(self, now: float) -> bytes:
+        return b'{"t":%b,"zones":%b}' % (msgspec.json.encode(now), self._drawn.reports_json(self._people(now)))
+
+    def _people(self, now: float) -> People:
         frames = [arrived.frame for arrived in self._present(now)]
         floor = np.array([name for frame in frames for name in frame.floor], dtype=object)
         x = np.array([value for frame in frames for value in frame.x], dtype=float)
         y = np.array([value for frame in frames for value in frame.y], dtype=float)
         unseen = np.array([state == "unseen" for frame in frames for state in frame.state], dtype=bool)
-        return Zones(t=now, zones=self._drawn.reports(floor, x, y, unseen))
+        return People(floor, x, y, unseen)
 
     def _camera(self, camera: str, area: str, now: float) -> CameraReport:
         held = self._statuses.get(camera)

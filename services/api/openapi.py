@@ -48,7 +48,8 @@ def drawn(answers: dict[int | str, dict[str, Any]], example: dict[str, Any]) -> 
 
 def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """Return the error answers of a route that needs a key and may answer these ``statuses`` besides."""
-    return {status: error(status) for status in sorted({401, 403, 429, *statuses})}
+    too_slow = {408} if 413 in statuses else set[int]()
+    return {status: error(status) for status in sorted({401, 403, 422, 429, *too_slow, *statuses})}
 
 
 GONE: dict[int | str, dict[str, Any]] = {204: {"description": "It is gone."}}
@@ -84,8 +85,9 @@ def error(status: int) -> dict[str, Any]:
         409: "not possible now; detail says why",
         410: "the event is no longer held; begin anew",
         412: "somebody else changed it since it was read; the ETag says to what",
+        408: "the body does not come",
         413: "the body is too large",
-        422: "a value out of range",
+        422: "a value out of range, or a parameter that means nothing here",
         429: "too many requests; try again after Retry-After seconds",
         503: "not now: too many streams, or what answers it is away; try again after Retry-After seconds",
     }[status]

@@ -6,23 +6,29 @@ Without a query the first two are answered before they come here, from ready-mad
 from __future__ import annotations
 
 import time
-from typing import Annotated
+from collections.abc import Iterable
+from typing import Annotated, Any
 
 import msgspec
 from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import Response
 
+from services.api.admin.geojson import GEOJSON, Drawing, collection, drawing, placed, point
+from services.api.examples import EXAMPLES
 from services.api.live_state import LiveState
 from services.api.openapi import UNCHANGED, documented
+from services.api.openapi import drawn as drawn_too
 from services.api.problems import unknown
 from services.api.replies import Device, Devices, Position, Positions, Track, Tracks
 from services.api.row_filters import Wanted, places, select, wanted
 from services.api.seen import ALL, Seen, saw, saw_rows
 from shared.site import Site
+from shared.site.geographic import PlanOnEarth
 
 __all__ = ["position_routes"]
 
 Asked = Annotated[Wanted, Depends(wanted)]
+Drawn = Annotated[Drawing, Depends(drawing)]
 
 
 def position_routes(site: Site, live: LiveState) -> APIRouter:
@@ -30,33 +36,50 @@ def position_routes(site: Site, live: LiveState) -> APIRouter:
     router = APIRouter(prefix="/v1", tags=["positions"], default_response_class=Response)
     areas = [area.id for area in site.areas]
     floors = [floor.id for floor in site.floors]
+    earth = PlanOnEarth.of(site)
 
-    @router.get("/positions", responses=documented(Positions, 404, 422) | UNCHANGED)
-    async def positions(request: Request, asked: Asked) -> Response:
+    def features(rows: Iterable[Position | Track], drawn: Drawing) -> list[dict[str, Any]]:
+        on_earth = placed(drawn.crs, earth)
+        return [_feature(row, on_earth) for row in rows]
+
+    a_position = _feature(msgspec.convert(EXAMPLES[Position], Position), None)
+    a_track = _feature(msgspec.convert(EXAMPLES[Tracks], Tracks).tracks[0], None)
+
+    @router.get(
+        "/positions", responses=drawn_too(documented(Positions, 404, 422), collection([a_position])) | UNCHANGED
+    )
+    async def positions(request: Request, asked: Asked, drawn: Drawn) -> Response:
         """Where every located device is, or was last, while that is not too long ago (see age).
 
         Without parameters all of them; with any, those that match, by device, at most limit.
         """
         now = time.time()
-        if not request.query_params:
+        if not request.query_params and not drawn.geojson:
             saw(request, ALL)
             return _body(live.positions_json(now))
         rows, following = _devices(now, asked)
         saw_rows(request, [row.device for row in rows])
+        if drawn.geojson:
+            return _geojson(collection(features(rows, drawn), t=now, next=following))
         return _body(msgspec.json.encode(Positions(t=now, positions=rows, next=following)))
 
-    @router.get("/positions/{device}", responses=documented(Position, 404))
-    async def position(request: Request, device: str) -> Response:
+    @router.get("/positions/{device}", responses=drawn_too(documented(Position, 404, 422), a_position))
+    async def position(request: Request, device: str, drawn: Drawn) -> Response:
         """Where one device is."""
         saw(request, Seen((device,)))
         found = live.position(device, time.time())
         if found is None:
             raise unknown("device", device)
+        if drawn.geojson:
+            return _geojson(features([found], drawn)[0])
         return _body(msgspec.json.encode(found))
 
-    @router.get("/tracks", responses=documented(Tracks, 404, 422) | UNCHANGED)
+    @router.get("/tracks", responses=drawn_too(documented(Tracks, 404, 422), collection([a_track])) | UNCHANGED)
     async def tracks(
-        request: Request, asked: Asked, area: Annotated[str | None, Query(description="only this area")] = None
+        request: Request,
+        asked: Asked,
+        drawn: Drawn,
+        area: Annotated[str | None, Query(description="only this area")] = None,
     ) -> Response:
         """Everybody, also people without a phone, in the newest frame of each area.
 
@@ -65,11 +88,13 @@ def position_routes(site: Site, live: LiveState) -> APIRouter:
         if area is not None and area not in areas:
             raise unknown("area", area, areas)
         now = time.time()
-        if set(request.query_params) <= {"area"}:
+        if set(request.query_params) <= {"area"} and not drawn.geojson:
             saw(request, ALL)
             return _body(live.tracks_json(area, now))
         rows, following = select(live.tracks(area, now), asked, live.zones, floors, _track_key, _quality)
         saw_rows(request, [row.device for row in rows])
+        if drawn.geojson:
+            return _geojson(collection(features(rows, drawn), t=now, next=following))
         return _body(msgspec.json.encode(Tracks(t=now, tracks=rows, next=following)))
 
     @router.get("/devices", responses=documented(Devices, 404, 422))
@@ -112,6 +137,14 @@ def _track_key(row: Track) -> str:
 
 def _quality(row: Track) -> float:
     return row.quality
+
+
+def _feature(row: Position | Track, earth: PlanOnEarth | None) -> dict[str, Any]:
+    return point(row.device if isinstance(row, Position) else f"{row.area}-{row.track}", row, earth)
+
+
+def _geojson(body: dict[str, Any]) -> Response:
+    return Response(msgspec.json.encode(body), media_type=GEOJSON)
 
 
 def _body(content: bytes) -> Response:

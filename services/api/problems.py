@@ -10,6 +10,8 @@ from fastapi.exceptions import RequestValidationError, WebSocketRequestValidatio
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
+from services.api.times import TIME
+
 __all__ = ["MEDIA_TYPE", "Problem", "ProblemError", "invalid_value", "problem_response", "tell_problems"]
 
 MEDIA_TYPE = "application/problem+json"
@@ -19,11 +21,11 @@ _ALLOWED = {
     "confidence": "a number from 0 to 1",
     "limit": "a whole number from 1 to 1000",
     "before": "seconds since the epoch (UTC), a finite number such as 1767225600.0",
-    "until": "seconds since the epoch (UTC), a finite number such as 1767225600.0",
+    "until": TIME,
     "kind": "radio, detector, stride, heading or alignment",
     "acknowledged": "true or false",
     "letter": "the id of a dead letter, a whole number",
-    "since": "seconds since the epoch (UTC), a finite number such as 1767225600.0",
+    "since": TIME,
 }
 
 
@@ -92,8 +94,12 @@ def tell_problems(app: FastAPI) -> None:
     """Make ``app`` answer every error in this one shape."""
 
     @app.exception_handler(ProblemError)
-    async def raised(_: Request, error: ProblemError) -> Response:
-        return problem_response(error.problem, error.headers)
+    async def raised(connection: Request | WebSocket, error: ProblemError) -> Response | None:
+        response = problem_response(error.problem, error.headers)
+        if isinstance(connection, WebSocket):
+            await connection.send_denial_response(response)
+            return None
+        return response
 
     @app.exception_handler(RequestValidationError)
     async def invalid(_: Request, error: RequestValidationError) -> Response:

@@ -25,6 +25,7 @@ __all__ = [
     "HealthReport",
     "ObstacleView",
     "Position",
+    "PositionState",
     "Positions",
     "Reply",
     "Ring",
@@ -39,6 +40,8 @@ __all__ = [
 ]
 
 Ring = list[tuple[float, float]]
+PositionState = Literal["confirmed", "coasting", "unseen", "lost"]
+"""``lost``: no person in the area's newest frame carries the device; this is where it was last."""
 
 
 class Reply(msgspec.Struct, frozen=True, kw_only=True):
@@ -54,6 +57,8 @@ class Position(Reply, frozen=True, kw_only=True):
     x: float
     y: float
     covariance: Covariance
+    accuracy: float
+    """Metres: standard deviation along the direction that is known worst."""
     vx: float
     vy: float
     t: float
@@ -61,8 +66,7 @@ class Position(Reply, frozen=True, kw_only=True):
     track: int
     probability: float
     """Of the device being this person's."""
-    state: Literal["confirmed", "coasting", "unseen", "lost"]
-    """``lost``: no person in the area's newest frame carries it; this is where it was last."""
+    state: PositionState
 
 
 class Positions(Reply, frozen=True, kw_only=True):
@@ -83,6 +87,8 @@ class Track(Reply, frozen=True, kw_only=True):
     x: float
     y: float
     covariance: Covariance
+    accuracy: float
+    """As of positions."""
     vx: float
     vy: float
     t: float
@@ -114,7 +120,7 @@ class Device(Reply, frozen=True, kw_only=True):
     """One device that is located, or was lately."""
 
     device: str
-    state: Literal["confirmed", "coasting", "unseen", "lost"]
+    state: PositionState
     area: str
     floor: str
     zones: list[str]

@@ -51,7 +51,7 @@ class Wanted:
     cursor: str | None
 
 
-def wanted(
+async def wanted(
     age: Annotated[float | None, Query(ge=0.0, allow_inf_nan=False, description="seconds old at most")] = None,
     confidence: Annotated[
         float | None,
@@ -66,6 +66,7 @@ def wanted(
     ] = None,
 ) -> Wanted:
     """Return what the query of a request asks for."""
+    # Async, though nothing is waited for: plain dependencies are run in a thread of their own, which costs more.
     return Wanted(age, confidence, Place(zone, None if near is None else circle(near), floor), limit, cursor)
 
 

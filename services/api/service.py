@@ -35,6 +35,7 @@ from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.setup_told import SetupTold
 from shared.site import Site
+from shared.weak_secrets import why_weak
 from shared.zones import ZoneSet
 
 __all__ = ["ApiService"]
@@ -53,19 +54,19 @@ class ApiService(Service[ApiSettings]):
     def __init__(self, settings: ApiSettings, site: Site, bus: Bus, health: Health) -> None:
         super().__init__(settings, site, bus, health)
         self._live = LiveState(site, settings.positions_kept, settings.tracks_kept)
-        # Ids go on above those of the process before: nobody makes a million events a second.
-        events = EventLog(int(time.time() * 1e6), settings.stream_events, int(settings.stream_megabytes * 2**20))
+        self._pseudonyms = Pseudonyms()
+        own = OwnErasures(("alerts", "books"), Acknowledgements(bus, self.keys, self.name).tell)
+        self._alerts = AlertOffice(
+            settings, site, self._tell_of_alerts, own.of("alerts"), without=self._pseudonyms.without
+        )
+        held = settings.stream_events, int(settings.stream_megabytes * 2**20)
+        events = EventLog(self._alerts.first_event, *held)
         self._hub = Hub(
             events,
             settings.stream_rate,
             settings.stream_keep_alive,
             settings.stream_readers,
             settings.stream_readers_of_one,
-        )
-        self._pseudonyms = Pseudonyms()
-        own = OwnErasures(("alerts", "books"), Acknowledgements(bus, self.keys, self.name).tell)
-        self._alerts = AlertOffice(
-            settings, site, self._tell_of_alerts, own.of("alerts"), without=self._pseudonyms.without
         )
         self._presence = Presence()
         self._told: list[str] = []
@@ -92,10 +93,11 @@ class ApiService(Service[ApiSettings]):
             return
         for key in settings.keys:
             secret = key.key.get_secret_value()
-            if secret == DEMO_KEY or len(secret) < SHORTEST_KEY:
+            weak = "is the demo's" if secret == DEMO_KEY else why_weak(secret, SHORTEST_KEY)
+            if weak is not None:
                 raise SettingsError(
-                    f"api_keys: key {key.name!r} is the demo's or shorter than {SHORTEST_KEY} characters; "
-                    "set ATRIUM_API_KEYS and ATRIUM_DASHBOARD_KEY to secrets of your own"
+                    f"api_keys: key {key.name!r} {weak}; "
+                    "set ATRIUM_API_KEYS and ATRIUM_DASHBOARD_KEY to secrets of your own (openssl rand -hex 24)"
                 )
 
     def run(self) -> None:
@@ -180,10 +182,11 @@ class ApiService(Service[ApiSettings]):
             told = self._ask_health() if connected else []
             loop.call_soon_threadsafe(self._note, connected, alive, told)
 
-    def _keep_books(self, _: asyncio.AbstractEventLoop) -> None:
+    def _keep_books(self, loop: asyncio.AbstractEventLoop) -> None:
         """Write down once a second who looked whom up; a database that hangs holds up nothing else."""
         while not self.stopping.wait(1.0):
             self._keep()
+            asyncio.run_coroutine_threadsafe(self._admin.follow_zones(), loop)
 
     def _watch_setup(self, _: asyncio.AbstractEventLoop) -> None:
         """Tell what is set up, at once and, should it be changed by hand, within a second."""
@@ -194,10 +197,11 @@ class ApiService(Service[ApiSettings]):
     def _set_up(self, site: Site) -> None:
         """Let the map show what is set up now; called in any thread."""
         if self._loop is not None:
-            self._loop.call_soon_threadsafe(self._admin.set_up, site)
+            asyncio.run_coroutine_threadsafe(self._admin.set_up(site), self._loop)
 
     def _keep(self) -> None:
         """Write down what waits, and say so when that cannot be."""
+        self._alerts.keep(self._hub.log.newest)
         reason = self._admin.keep()
         if reason is None:
             self.health.well("database")
@@ -228,7 +232,6 @@ class ApiService(Service[ApiSettings]):
         if connected:
             self._presence.seen(alive)
         self._live.forget(now)
-        self._admin.follow_zones()
         for area in self._live.areas(now):
             if area.age is not None and area.age > self.settings.stale_after:
                 self.health.degraded(f"tracks of {area.area}", "tracks have stopped arriving, positions are ageing")

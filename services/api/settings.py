@@ -162,6 +162,11 @@ class ApiSettings(ServiceSettings):
     )
 
     @property
+    def trusted_key(self) -> SecretStr | None:
+        """The dashboard's: whoever shows it is believed for whose browser they ask."""
+        return SecretStr(DEMO_KEY) if self.dashboard_key is None and self.profile == "demo" else self.dashboard_key
+
+    @property
     def keys(self) -> tuple[ApiKey, ...]:
         """All keys of the settings, each once."""
         if self.dashboard_key is None or self.dashboard_key in [key.key for key in self.api_keys]:

@@ -16,6 +16,7 @@ from collections.abc import AsyncIterator, Callable
 import msgspec
 from prometheus_client import Counter, Gauge
 
+from services.api.accuracy import accuracy_of
 from services.api.event_log import STATE, EventLog, Framing
 from services.api.problems import Problem
 from services.api.replies import TrackColumns
@@ -70,7 +71,7 @@ def track_columns(frame: TrackFrame, since: Since) -> TrackColumns:
         ],
         probability=frame.probability,
         quality=[round(quality, 2) for quality in frame.quality],
-        accuracy=[_worst_sigma(*covariance) for covariance in frame.covariance],
+        accuracy=[accuracy_of(covariance) for covariance in frame.covariance],
     )
 
 
@@ -274,8 +275,3 @@ class Hub:
         now = asyncio.get_running_loop().time()
         self._next[area] = max(self._next.get(area, now), now - self._interval) + self._interval
         self.send("tracks", area, track_columns(*held), area)
-
-
-def _worst_sigma(xx: float, xy: float, yy: float) -> float:
-    middle, half = (xx + yy) / 2.0, (xx - yy) / 2.0
-    return round(math.sqrt(max(middle + math.hypot(half, xy), 0.0)), 3)

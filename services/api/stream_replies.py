@@ -52,7 +52,8 @@ class StreamResponse(Response):
 
     def __init__(self, hub: Hub, reader: Reader, dialect: Dialect, first: list[bytes], patience: float) -> None:
         super().__init__(
-            media_type=dialect.media_type, headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+            media_type=dialect.media_type,
+            headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no", "Vary": "Accept"},
         )
         del self.headers["content-length"]
         self._hub, self._reader, self._dialect = hub, reader, dialect

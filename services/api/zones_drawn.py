@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -13,7 +14,10 @@ from services.api.replies import ZoneReport
 from shared.site import Site
 from shared.zones import ZoneDefinition, ZoneRule
 
-__all__ = ["ZonesDrawn", "zones_of"]
+__all__ = ["People", "ZonesDrawn", "zones_of"]
+
+_COUNTS = b'"inside":%d,"unseen":%d'
+"""As ``ZoneReport`` writes its two fields; what follows them is a tag, which holds no such text."""
 
 
 def zones_of(site: Site) -> list[ZoneDefinition]:
@@ -30,6 +34,15 @@ def zones_of(site: Site) -> list[ZoneDefinition]:
     ]
 
 
+class People(NamedTuple):
+    """Where everybody is: floors, metres on the plan, and whether no camera sees them; arrays of one length."""
+
+    floor: NDArray[np.object_]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    unseen: NDArray[np.bool_]
+
+
 class ZonesDrawn:
     """The zones that hold now, ready to be asked who is in them.
 
@@ -42,7 +55,10 @@ class ZonesDrawn:
         self.ids = {zone.id: number for number, zone in enumerate(zones)}
         self._floor = np.array([zone.floor for zone in zones], dtype=object)
         # A line holds nobody: it stands in the tree as nothing.
-        self._tree = shapely.STRtree([shapely.Polygon(zone.points if zone.shape == "area" else None) for zone in zones])
+        areas = [shapely.Polygon(zone.points if zone.shape == "area" else None) for zone in zones]
+        self._areas = np.array(areas, dtype=object)
+        shapely.prepare(self._areas)
+        self._tree = shapely.STRtree(areas)
         self._empty = [
             ZoneReport(
                 id=zone.id,
@@ -59,28 +75,41 @@ class ZonesDrawn:
             )
             for zone, etag in zip(zones, etags or [""] * len(zones), strict=True)
         ]
+        self._pieces = [b""]
+        """The JSON of all reports: what comes before, between and after the counts, in every other place."""
+        for report in self._empty:
+            before, _, after = msgspec.json.encode(report).rpartition(_COUNTS % (0, 0))
+            self._pieces[-1] += before
+            self._pieces += [b"", after + b","]
+        self._pieces[-1] = self._pieces[-1].removesuffix(b",")
 
     def within(
         self, floor: NDArray[np.object_], x: NDArray[np.float64], y: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return pairs (person, zone) of whose place, its floor and metres, lies in which zone, borders included."""
-        person, zone = self._tree.query(shapely.points(x, y), predicate="intersects")
+        person, zone = self._tree.query(shapely.points(x, y))
         same = self._floor[zone] == floor[person]
-        return person[same], zone[same]
+        person, zone = person[same], zone[same]
+        within = shapely.intersects_xy(self._areas[zone], x[person], y[person])
+        return person[within], zone[within]
 
-    def reports(
-        self,
-        floor: NDArray[np.object_],
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        unseen: NDArray[np.bool_],
-    ) -> list[ZoneReport]:
+    def reports(self, people: People) -> list[ZoneReport]:
         """Return each zone with how many of these people are in it, those whom no camera sees apart."""
-        person, zone = self.within(floor, x, y)
-        hidden = unseen[person]
-        inside = np.bincount(zone[~hidden], minlength=len(self._empty)).tolist()
-        out_of_view = np.bincount(zone[hidden], minlength=len(self._empty)).tolist()
         return [
             report if not (seen or not_seen) else msgspec.structs.replace(report, inside=seen, unseen=not_seen)
-            for report, seen, not_seen in zip(self._empty, inside, out_of_view, strict=True)
+            for report, (seen, not_seen) in zip(self._empty, self._counts(people), strict=True)
         ]
+
+    def reports_json(self, people: People) -> bytes:
+        """Return ``reports`` as JSON; shapes and rules, which may be long, are not written anew."""
+        pieces = self._pieces.copy()
+        pieces[1::2] = [_COUNTS % counts for counts in self._counts(people)]
+        return b"[%b]" % b"".join(pieces)
+
+    def _counts(self, people: People) -> list[tuple[int, int]]:
+        """Return of each zone how many are in it whom cameras see, and whom none does."""
+        person, zone = self.within(people.floor, people.x, people.y)
+        hidden = people.unseen[person]
+        seen = np.bincount(zone[~hidden], minlength=len(self._empty)).tolist()
+        out_of_view = np.bincount(zone[hidden], minlength=len(self._empty)).tolist()
+        return list(zip(seen, out_of_view, strict=True))

@@ -37,12 +37,12 @@ def add(
 ) -> None:
     """Let somebody in; asks for the password."""
     from services.api.admin.account_replies import NewUser
-    from services.api.request_body import only_known
+    from services.api.request_body import only_known, sound
 
     password = _password(password_stdin)
     with _accounts() as accounts:
         wanted = only_known(
-            {"name": name, "role": role, "password": password},
+            sound({"name": name, "role": role, "password": password}),
             NewUser,
             "viewer, guard, desk, curator or admin; a password",
         )

@@ -1,4 +1,4 @@
-"""What the learning page asks the API, and what it orders: answers for all browsers, words where there is none."""
+"""What the learning page asks the API, and what it orders: one answer for all browsers, words where there is none."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import httpx
 import msgspec
 import structlog
 
+from services.dashboard.sessions import Visitor
 from shared.learning_report import LearningReport
 
 __all__ = ["LearningClient", "LearningView", "NoAnswer"]
@@ -24,7 +25,7 @@ class LearningView(LearningReport, frozen=True, kw_only=True):
     """The report as the API tells it to this dashboard."""
 
     may_change: bool = False
-    """Whether the dashboard's key may roll back and freeze."""
+    """Whether whoever asks may roll back and freeze."""
 
 
 class _Done(msgspec.Struct):
@@ -40,15 +41,22 @@ class LearningClient:
 
     Args:
         api_url: without a slash at the end.
-        api_key: sent as a bearer token, never shown.
+        api_key: the dashboard's own, or the token of one of the staff; never shown.
+        visitor: whose token it is; None: all who did not sign in by name.
     """
 
-    def __init__(self, api_url: str, api_key: str) -> None:
+    def __init__(self, api_url: str, api_key: str, visitor: Visitor | None = None) -> None:
+        self._api_url = api_url
         self._url = f"{api_url}/v1/learning"
+        self._visitor = visitor
         self._headers = {"Authorization": f"Bearer {api_key}"}
         self._lock = asyncio.Lock()
         self._asked = -KEPT
         self._report: LearningView | NoAnswer = NoAnswer("Nothing has been asked yet.")
+
+    def of(self, visitor: Visitor) -> LearningClient:
+        """Return a client that asks for ``visitor``: of their own for one of the staff, else this one."""
+        return LearningClient(self._api_url, visitor.key, visitor) if visitor.name else self
 
     async def report(self) -> LearningView:
         """Return what learning tells now, at most ``KEPT`` seconds old.
@@ -101,7 +109,10 @@ class LearningClient:
         except httpx.HTTPError as error:
             log.debug("no answer", error=repr(error))
             raise NoAnswer("The API does not answer; is it running?") from error
-        if answer.status_code in (401, 403):
+        if answer.status_code == 401 and self._visitor is not None:
+            self._visitor.ended = True
+            raise NoAnswer("Your sign-in has ended.")
+        if answer.status_code in (401, 403) and self._visitor is None:
             raise NoAnswer(
                 "The API does not let this dashboard's key do that; learning needs the scope learning, "
                 "and learning-admin to change anything."

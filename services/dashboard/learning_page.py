@@ -11,7 +11,7 @@ from services.dashboard import learning_words as words
 from services.dashboard.choice import Choice
 from services.dashboard.learning_charts import path_loss_chart, score_chart, stride_chart
 from services.dashboard.learning_client import LearningClient, LearningView, NoAnswer
-from services.dashboard.page_header import header
+from services.dashboard.page_header import header, page_visitor
 
 __all__ = ["add_learning_page"]
 
@@ -46,7 +46,7 @@ def add_learning_page(client: LearningClient, title: str, can_sign_out: bool, ar
         ui.add_body_html('<script type="module" src="/static/learning.js"></script>')
         ui.query(".nicegui-content").classes(replace="atrium-page learning-page")
         header(title, can_sign_out, here="learning")
-        _Page(client, areas)
+        _Page(client.of(page_visitor()), areas)
 
 
 class _Page:

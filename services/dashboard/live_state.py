@@ -6,18 +6,35 @@ The API's answers and events go in; out come posts (topic, bytes) for the browse
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
 
 from services.dashboard.event_stream import Event, written
 
-__all__ = ["LiveState", "Post"]
+__all__ = ["LiveState", "Post", "scope_of"]
 
 Post = tuple[str, bytes]
 """Topic within which the newest counts, and the event as it travels."""
 
 ALERTS_KEPT = 100
+SCOPES = {
+    "connection": None,
+    "site": "site",
+    "zones": "site",
+    "cameras": "site",
+    "tracks": "positions",
+    "alerts": "alerts",
+    "alert": "alerts",
+    "acknowledged": "alerts",
+}
+"""The scope that the API asks for each kind of post; None: it tells of nobody."""
+
+
+def scope_of(topic: str) -> str | None:
+    """Return the scope without which a post of this topic must not reach a browser."""
+    return SCOPES[topic.partition("/")[0]]
 
 
 class _Area(msgspec.Struct):
@@ -42,9 +59,9 @@ class LiveState:
         self._site: dict[str, Any] | None = None
         self.connection(False, "The dashboard has just started and is looking for the API.", 0.0)
 
-    def everything(self) -> bytes:
-        """Return all that a browser needs to draw the present, as one chunk of the stream."""
-        return b"".join(self._posts.values())
+    def everything(self, may: Callable[[str | None], bool] = lambda _: True) -> bytes:
+        """Return all that a browser needs to draw the present, as one chunk: what its scopes allow (``may``)."""
+        return b"".join(chunk for topic, chunk in self._posts.items() if may(scope_of(topic)))
 
     def connection(self, connected: bool, reason: str, since: float) -> list[Post]:
         """Tell whether the API is heard, why not, and since when (seconds since the epoch).

@@ -6,9 +6,12 @@ in the reader's own time zone, which only the browser knows.
 
 from __future__ import annotations
 
-from fastapi import FastAPI
-from nicegui import ui
+from collections.abc import Mapping
 
+from fastapi import FastAPI
+from nicegui import core, ui
+
+from services.dashboard.own_pages import from_here
 from services.dashboard.page_header import header
 from services.dashboard.web_app import STATIC
 
@@ -31,6 +34,8 @@ def add_page(app: FastAPI, title: str, can_sign_out: bool) -> None:
                 for name, heading, empty in _PANELS:
                     _panel(name, heading, empty)
 
+    # NiceGUI answers pages of any origin otherwise.
+    core.sio.eio.cors_allowed_origins = _ours
     ui.run_with(
         app,
         title="Atrium",
@@ -40,6 +45,13 @@ def add_page(app: FastAPI, title: str, can_sign_out: bool) -> None:
         binding_refresh_interval=None,
         show_welcome_message=False,
     )
+
+
+def _ours(_: str | None, environ: Mapping[str, str]) -> bool:
+    headers = {
+        name: environ.get(f"HTTP_{name.upper().replace('-', '_')}") for name in ("sec-fetch-site", "origin", "host")
+    }
+    return from_here({name: value for name, value in headers.items() if value is not None})
 
 
 _PANELS = (

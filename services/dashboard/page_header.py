@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from html import escape
+
 from nicegui import ui
 
-__all__ = ["header"]
+from services.dashboard.sessions import Visitor, asked_by
+
+__all__ = ["header", "page_visitor"]
 
 PAGES = {
     "map": ("/", "Live map"),
@@ -17,6 +21,11 @@ PAGES = {
     "health": ("/health", "Health"),
     "privacy": ("/privacy", "Privacy"),
 }
+
+
+def page_visitor() -> Visitor:
+    """Return whose browser the page is built for."""
+    return asked_by(ui.context.client.request, "")
 
 
 def header(title: str, can_sign_out: bool, here: str) -> None:
@@ -39,5 +48,8 @@ def header(title: str, can_sign_out: bool, here: str) -> None:
             status = '<span id="atrium-status" class="atrium-status">Connecting…</span>'
             ui.html(status, sanitize=False).classes("atrium-told")
         if can_sign_out:
-            out = '<form method="post" action="/logout"><button>Sign out</button></form>'
+            ui.add_body_html('<script type="module" src="/static/session.js"></script>')
+            visitor = page_visitor()
+            who = f"<span>{escape(visitor.name)} ({escape(visitor.role)})</span> " if visitor.name else ""
+            out = f'<form method="post" action="/logout">{who}<button>Sign out</button></form>'
             ui.html(out, sanitize=False).classes("atrium-out")

@@ -1,19 +1,21 @@
-"""What the pages ask of the API, passed on with the dashboard's key: a short list of reads and writes, nothing else.
+"""What the pages ask of the API, passed on for whoever asks: a short list of reads and writes, nothing else.
 
-The browser speaks to ``/ask/v1/…`` of this process, behind the door; the key stays here. What another site's page makes
-a signed-in browser send is refused.
+The browser speaks to ``/ask/v1/…`` of this process, behind the door; the token of whoever signed in, or the dashboard's
+own key, stays here.
 """
 
 from __future__ import annotations
 
 import re
-from urllib.parse import quote, urlsplit
+from urllib.parse import quote
 
 import httpx
 import structlog
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, Response
 from prometheus_client import Counter
+
+from services.dashboard.sessions import Visitor, asked_by
 
 __all__ = ["LARGEST_BODY", "pass_through"]
 
@@ -41,23 +43,25 @@ def pass_through(api_url: str, api_key: str) -> APIRouter:
 
     Args:
         api_url: without a slash at the end.
-        api_key: sent as a bearer token, never shown.
+        api_key: the dashboard's own, never shown; sent for whoever did not sign in by name.
     """
     router = APIRouter(include_in_schema=False)
     # The address comes from the operator: proxies of the environment are not for it.
-    client = httpx.AsyncClient(headers={"Authorization": f"Bearer {api_key}"}, timeout=30.0, trust_env=False)
+    client = httpx.AsyncClient(timeout=30.0, trust_env=False)
 
     @router.api_route("/ask/{path:path}", methods=["GET", "POST", "PUT", "DELETE"])
     async def ask(path: str, request: Request) -> Response:
-        refusal = _refusal(request, path)
-        if refusal is not None:
-            return refusal
+        allowed = READS if request.method == "GET" else WRITES[request.method]
+        if allowed.fullmatch(path) is None:
+            return _problem(404, "The dashboard passes no such request on to the API.")
         body = b""
         async for chunk in request.stream():
             body += chunk
             if len(body) > LARGEST_BODY:
                 return _problem(413, f"This is more than the {LARGEST_BODY // 1024} KiB that the dashboard passes on.")
+        visitor = asked_by(request, api_key)
         headers = {name: request.headers[name] for name in ("if-match",) if name in request.headers}
+        headers["Authorization"] = f"Bearer {visitor.key}"
         if body:
             headers["Content-Type"] = "application/json"
         try:
@@ -74,10 +78,7 @@ def pass_through(api_url: str, api_key: str) -> APIRouter:
             return _problem(502, "The API does not answer; is it running?")
         ASKED.labels(str(answer.status_code)).inc()
         if answer.status_code in (401, 403):
-            # 401 is the door's own word for "sign in": the browser must not take the API's for it.
-            return _problem(
-                403, "The API does not let this dashboard's key do that; ATRIUM_API_KEY needs a key with that scope."
-            )
+            return _refused(visitor, answer.status_code)
         kept = {name: answer.headers[name] for name in KEPT_HEADERS if name in answer.headers}
         return Response(
             answer.content,
@@ -89,23 +90,17 @@ def pass_through(api_url: str, api_key: str) -> APIRouter:
     return router
 
 
-def _refusal(request: Request, path: str) -> Response | None:
-    """Return what to answer where the request may not pass."""
-    allowed = READS if request.method == "GET" else WRITES[request.method]
-    if allowed.fullmatch(path) is None:
-        return _problem(404, "The dashboard passes no such request on to the API.")
-    if request.method != "GET" and not _from_here(request):
-        return _problem(403, "Changes are taken from the dashboard's own pages only.")
-    return None
-
-
-def _from_here(request: Request) -> bool:
-    """Whether one of our own pages sent this: browsers say so in a header that pages cannot forge."""
-    site = request.headers.get("sec-fetch-site")
-    if site is not None:
-        return site == "same-origin"
-    origin = request.headers.get("origin")
-    return origin is not None and urlsplit(origin).netloc == request.headers.get("host")
+def _refused(visitor: Visitor, status: int) -> Response:
+    """Return what a page is told where the API refuses whoever asks."""
+    if not visitor.name:
+        # 401 is the door's own word for "sign in": the browser must not take the API's for it.
+        return _problem(
+            403, "The API does not let this dashboard's key do that; ATRIUM_API_KEY needs a key with that scope."
+        )
+    if status == 401:
+        visitor.ended = True
+        return _problem(401, "Your sign-in has ended.")
+    return _problem(403, f"You are signed in as {visitor.name} ({visitor.role}), who may not do that.")
 
 
 def _problem(status: int, detail: str) -> JSONResponse:

@@ -47,8 +47,8 @@ _BODY = """
 <section class="card wide" aria-labelledby="kept-heading">
   <h2 id="kept-heading">What is kept, and for how long</h2>
   <div id="privacy-kept" class="scroll"><p class="empty">Asking…</p></div>
-  <p class="quiet">As the running services are set now. Heat maps and visits tell of no fewer than five people, in a
-    cell, at a zone, on a way: always so. Recordings, backups, what was exported or sent to webhooks, and the services'
-    logs are the site's own to delete.</p>
+  <p class="quiet">As the running services are set now. Heat maps and visits leave out, day by day, what fewer than
+    five people did in a cell, at a zone, on a way; how many are in a zone is counted as it is, without names.
+    Recordings, backups, what was exported or sent to webhooks, and the services' logs are the site's own to delete.</p>
 </section>
 """

@@ -1,6 +1,7 @@
-"""One connection to the API for all browsers: follows its stream, keeps the present, tells every browser.
+"""One connection to the API for all browsers: follows its stream, keeps the present, tells each what it may see.
 
-The API key stays in this process. When the API goes away the relay says so in plain words and comes back by itself.
+It is the dashboard's own key that follows; whoever signed in by name is told no more than their role may see. The key
+stays in this process. When the API goes away the relay says so in plain words and comes back by itself.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ import structlog
 from prometheus_client import Counter, Gauge
 
 from services.dashboard.event_stream import EventReader, StreamError
-from services.dashboard.live_state import LiveState, Post
+from services.dashboard.live_state import LiveState, Post, scope_of
 from services.dashboard.mailbox import Mailbox
+from services.dashboard.sessions import Visitor
 
 __all__ = ["BUSY", "Relay"]
 
@@ -57,7 +59,7 @@ class Relay:
         self._headers = {"Authorization": f"Bearer {api_key}"}
         self._told = told
         self._state = LiveState()
-        self._browsers: set[Mailbox] = set()
+        self._browsers: dict[Mailbox, Visitor] = {}
         self._site_tag = ""
         """Of the site that the browsers were told."""
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -80,17 +82,20 @@ class Relay:
                 await asyncio.sleep(delay)
                 delay = min(2.0 * delay, RETRY_LAST)
 
-    async def watch(self) -> AsyncIterator[bytes]:
-        """Yield the stream for one browser, from the present on, until it leaves or the dashboard stops."""
+    async def watch(self, visitor: Visitor) -> AsyncIterator[bytes]:
+        """Yield the stream for one browser, from the present on, until it leaves, signs out, or the dashboard stops."""
         mailbox = Mailbox()
-        self._browsers.add(mailbox)
+        self._browsers[mailbox] = visitor
         BROWSERS.set(len(self._browsers))
         try:
-            yield b"retry: 1000\n\n" + self._state.everything()
-            while not (mailbox.closed or self._stopped):
-                yield await mailbox.take(KEEP_ALIVE_EVERY) or KEEP_ALIVE
+            yield b"retry: 1000\n\n" + self._state.everything(visitor.may)
+            while True:
+                chunk = await mailbox.take(KEEP_ALIVE_EVERY) or KEEP_ALIVE
+                if mailbox.closed or self._stopped or not visitor.here:
+                    return
+                yield chunk
         finally:
-            self._browsers.discard(mailbox)
+            self._browsers.pop(mailbox, None)
             BROWSERS.set(len(self._browsers))
             OVERTAKEN.inc(mailbox.dropped)
 
@@ -176,8 +181,10 @@ class Relay:
 
     def _tell(self, posts: list[Post]) -> None:
         for topic, chunk in posts:
-            for mailbox in self._browsers:
-                mailbox.post(topic, chunk)
+            scope = scope_of(topic)
+            for mailbox, visitor in self._browsers.items():
+                if visitor.may(scope):
+                    mailbox.post(topic, chunk)
 
 
 def _check(response: httpx.Response) -> None:

@@ -4,25 +4,28 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from services.dashboard.guesses import KnownBrowsers
 from services.dashboard.learning_client import LearningClient
 from services.dashboard.learning_page import add_learning_page
 from services.dashboard.page import add_page
 from services.dashboard.pages import add_pages
 from services.dashboard.relay import Relay
-from services.dashboard.sessions import AttemptLimit, Sessions
+from services.dashboard.sessions import Sessions
 from services.dashboard.settings import DashboardSettings
 from services.dashboard.setup_pages import add_setup_pages
 from services.dashboard.setup_relay import add_setup_relay
+from services.dashboard.staff_desk import StaffDesk
 from services.dashboard.web_app import build_web_app
 from shared.bus import Bus
 from shared.http_server import serve
 from shared.runner import Health, Service
 from shared.settings import SettingsError
 from shared.site import Site
+from shared.weak_secrets import why_weak
 
 __all__ = ["DashboardService"]
 
-SHORTEST_PASSWORD = 8
+SHORTEST_KEY, SHORTEST_PASSWORD = 16, 12
 
 
 class DashboardService(Service[DashboardSettings]):
@@ -37,23 +40,28 @@ class DashboardService(Service[DashboardSettings]):
 
     @classmethod
     def check(cls, settings: DashboardSettings, site: Site) -> None:
-        """Refuse a password that is guessed in an afternoon."""
-        length = len(settings.dashboard_password.get_secret_value())
-        if settings.profile != "demo" and length < SHORTEST_PASSWORD:
+        """Refuse secrets that are guessed in an afternoon."""
+        if settings.profile == "demo":
+            return
+        weak = why_weak(settings.api_key.get_secret_value(), SHORTEST_KEY)
+        if weak is not None:
+            raise SettingsError(f"api_key: {weak}; set ATRIUM_API_KEY to a key of the API (openssl rand -hex 24)")
+        password = settings.dashboard_password.get_secret_value()
+        weak = why_weak(password, SHORTEST_PASSWORD) if password else None
+        if weak is not None:
             raise SettingsError(
-                f"dashboard_password: has {length} characters, at least {SHORTEST_PASSWORD} are needed; "
-                "set ATRIUM_DASHBOARD_PASSWORD"
+                f"dashboard_password: {weak}; set ATRIUM_DASHBOARD_PASSWORD to another, "
+                "or to nothing: then only staff sign in, each by name"
             )
 
     def run(self) -> None:
         """Serve until the service stops."""
         settings = self.settings
-        sessions = Sessions(
-            settings.dashboard_password.get_secret_value(), settings.api_key.get_secret_value(), settings.session_hours
-        )
-        app = build_web_app(self._relay, sessions, AttemptLimit(), started=self.health.ready.set)
+        password, api_key = settings.dashboard_password.get_secret_value(), settings.api_key.get_secret_value()
+        sessions = Sessions(password, api_key, settings.session_hours, staff_only=settings.profile != "demo")
+        browsers, desk = KnownBrowsers(password, api_key), StaffDesk(settings.api_url, api_key)
+        app = build_web_app(self._relay, sessions, browsers, desk, started=self.health.ready.set)
         title, can_sign_out = self.site.name or self.site.site, not sessions.open
-        api_key = settings.api_key.get_secret_value()
         add_pages(app, settings.api_url, api_key, title, can_sign_out, self.site.time_zone)
         learning = LearningClient(settings.api_url, api_key)
         add_learning_page(learning, title, can_sign_out, self._access_points())

@@ -25,7 +25,7 @@ def _http_url(text: str) -> str:
 class DashboardSettings(ServiceSettings):
     """Where the dashboard listens, whom it asks, and who may look."""
 
-    secrets: ClassVar[tuple[str, ...]] = ("api_key", "dashboard_password")
+    secrets: ClassVar[tuple[str, ...]] = ("api_key",)
 
     dashboard_host: str = Field("127.0.0.1", description="where browsers reach the dashboard")
     dashboard_port: int = Field(8082, ge=0, le=65535, description="0: any free port, printed at start")
@@ -37,9 +37,10 @@ class DashboardSettings(ServiceSettings):
     )
     api_key: SecretStr = Field(
         SecretStr("demo-api-key"),
-        description="key of the API with which the dashboard reads and changes; browsers never see it",
+        description="key of the API: for the live map, and for whoever has the shared password; browsers never see it",
     )
     dashboard_password: SecretStr = Field(
-        SecretStr(""), description="what people type to see the map; empty: open to everybody, in the demo only"
+        SecretStr(""),
+        description="shared password, for a wall screen; empty: staff only, by name; in the demo everybody",
     )
     session_hours: float = Field(12.0, gt=0, le=24 * 30, description="how long a browser stays signed in")

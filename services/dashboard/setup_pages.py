@@ -74,6 +74,7 @@ _CAMERA = f"""
   </fieldset>
   <label hidden><input type="checkbox" id="setup-lens" checked> Use the calibrated lens</label>
   <button type="button" id="setup-save" class="main">Save</button>
+  <p id="setup-lacking" class="note" hidden></p>
   <p id="setup-say" class="say" role="status" aria-live="polite"></p>
 </div>
 <div class="sides">
@@ -107,6 +108,7 @@ _POINTS = f"""
 <div class="bar">
   <label>Floor <select id="points-floor"></select></label>
   <button type="button" id="points-save" class="main">Save</button>
+  <p id="points-lacking" class="note" hidden></p>
   <p id="points-say" class="say" role="status" aria-live="polite"></p>
 </div>
 <div class="sides">

@@ -1,4 +1,4 @@
-"""Carries what the set-up pages ask to the API, with the dashboard's key, which no browser ever sees."""
+"""Carries what the set-up pages ask to the API, for whoever asks; no browser ever sees a key or token."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import structlog
 from fastapi import FastAPI, Request
 from fastapi.responses import JSONResponse, Response
 
+from services.dashboard.sessions import asked_by
 from shared.keys import is_identifier
 
 __all__ = ["add_setup_relay"]
@@ -27,12 +28,11 @@ def add_setup_relay(app: FastAPI, api_url: str, api_key: str) -> None:
     Args:
         app: the web application, behind its door.
         api_url: without a slash at the end.
-        api_key: sent as a bearer token.
+        api_key: the dashboard's own, sent for whoever did not sign in by name.
     """
-    headers = {"Authorization": f"Bearer {api_key}"}
 
     async def carry(request: Request, path: str) -> Response:
-        body = bytearray()
+        visitor, body = asked_by(request, api_key), bytearray()
         if request.method == "POST":
             if request.headers.get("content-type", "").split(";")[0] != "application/json":
                 return JSONResponse({"detail": "the body must be JSON (application/json)"}, 415)
@@ -42,6 +42,7 @@ def add_setup_relay(app: FastAPI, api_url: str, api_key: str) -> None:
                     return JSONResponse({"detail": f"the body is larger than {LARGEST} bytes"}, 413)
         try:
             # The address comes from the operator: proxies of the environment are not for it.
+            headers = {"Authorization": f"Bearer {visitor.key}"}
             async with httpx.AsyncClient(headers=headers, timeout=PATIENCE, trust_env=False) as client:
                 answer = await client.request(
                     request.method,
@@ -52,6 +53,9 @@ def add_setup_relay(app: FastAPI, api_url: str, api_key: str) -> None:
         except httpx.HTTPError as error:
             log.debug("no answer", error=repr(error))
             return JSONResponse({"detail": "the API does not answer; is it running?"}, 502)
+        if answer.status_code == 401 and visitor.name:
+            visitor.ended = True
+            return JSONResponse({"detail": "your sign-in has ended"}, 401)
         if answer.status_code == 401:
             # Not the browser's session: that one is let in.
             return JSONResponse({"detail": "the API does not know this dashboard's key"}, 502)

@@ -8,15 +8,17 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import structlog
-from fastapi import FastAPI
+from fastapi import FastAPI, Request
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 from starlette.datastructures import MutableHeaders
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from services.dashboard.guesses import AttemptLimit, KnownBrowsers
 from services.dashboard.relay import Relay
-from services.dashboard.sessions import AttemptLimit, Sessions
+from services.dashboard.sessions import Sessions, asked_by
 from services.dashboard.sign_in import add_sign_in
+from services.dashboard.staff_desk import StaffDesk
 
 __all__ = ["build_web_app"]
 
@@ -62,41 +64,47 @@ class _Headers:
 
 
 def build_web_app(
-    relay: Relay, sessions: Sessions, limit: AttemptLimit, started: Callable[[], None] = lambda: None
+    relay: Relay,
+    sessions: Sessions,
+    browsers: KnownBrowsers,
+    desk: StaffDesk,
+    started: Callable[[], None] = lambda: None,
 ) -> FastAPI:
     """Return the application without its page: ``/live``, ``/static``, ``/login``.
 
-    The relay runs while the application is served; ``started`` is called when requests can be answered.
+    Relay and desk run while the application is served; ``started`` is called when requests can be answered.
     """
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        follow = asyncio.create_task(relay.run())
-        follow.add_done_callback(_tell_crash)
+        tasks = [asyncio.create_task(work) for work in (relay.run(), desk.watch(sessions))]
+        for task in tasks:
+            task.add_done_callback(_tell_crash)
         started()
         yield
-        follow.cancel()
+        for task in tasks:
+            task.cancel()
 
     app = FastAPI(title="Atrium dashboard", docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
 
     @app.get("/live")
-    async def live() -> Response:
+    async def live(request: Request) -> Response:
         """Stream the present and every change of it (server-sent events)."""
         if relay.busy:
             return JSONResponse({"detail": "too many browsers are watching"}, 503, {"Retry-After": "10"})
         return StreamingResponse(
-            relay.watch(),
+            relay.watch(asked_by(request, sessions.anybody.key)),
             media_type="text/event-stream",
             headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
         )
 
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
-    add_sign_in(app, sessions, limit)
+    add_sign_in(app, sessions, AttemptLimit(), browsers, desk)
     app.add_middleware(_Headers)
     return app
 
 
 def _tell_crash(task: asyncio.Task[None]) -> None:
-    """A relay that ends by itself is a fault of this program: say so, loudly."""
+    """What ends by itself is a fault of this program: say so, loudly."""
     if not task.cancelled() and task.exception() is not None:
-        log.error("the relay broke down", exc_info=task.exception())
+        log.error("the relay, or the watch over sign-ins, broke down", exc_info=task.exception())

@@ -81,8 +81,9 @@ def load_scenario(path: str | Path, site_file: Path | None = None) -> tuple[Scen
     return scenario, site
 
 
-LEFT_OUT = ("source", "about", "name", "time_zone", "anchor")
-"""Addresses of pictures, prose, where on Earth it is: they tell nothing about what a scenario plays."""
+LEFT_OUT = ("source", "about", "name", "time_zone", "anchor", "exhibits")
+"""Addresses of pictures, prose, where on Earth it is, what guides tell of (people walk about obstacles): none of it
+matters to what a scenario plays."""
 
 
 def scenario_digest(scenario: Scenario, site: Site) -> str:

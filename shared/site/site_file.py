@@ -29,6 +29,7 @@ __all__ = [
     "Anchor",
     "Area",
     "Camera",
+    "Exhibit",
     "Floor",
     "Lens",
     "Part",
@@ -275,6 +276,19 @@ class Zone(Part):
     alert_on: list[Literal["enter", "exit"]] = ["enter", "exit"]
 
 
+class Exhibit(Part):
+    """Something to look at: where it stands or hangs, and from how far and from where it is looked at."""
+
+    id: Identifier
+    name: str = ""
+    floor: Identifier
+    position: Point
+    reach: Annotated[Number, Field(gt=0, le=100)] = 8.0
+    """Metres from which it is looked at, at most."""
+    facing: Annotated[Number, Field(ge=-360, le=360)] | None = None
+    """Where its front looks, degrees counter-clockwise from +x; None: it has no back."""
+
+
 class Anchor(Part):
     """Where the plan's zero lies, WGS 84 degrees; how the plan is turned says ``north``."""
 
@@ -299,6 +313,7 @@ class Site(Part):
     cameras: list[Camera] = []
     access_points: list[AccessPoint] = []
     zones: list[Zone] = []
+    exhibits: list[Exhibit] = []
 
     def floor(self, floor_id: str) -> Floor:
         """Return the floor with this id (KeyError if there is none)."""

@@ -10,13 +10,18 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from shared.part_file import PartFileError, read_part_file
 from shared.site.camera_geometry import GeometryError
 from shared.site.setup_file import SetUp, apply_setup, read_setup, setup_path
 from shared.site.site_file import Site
 
-__all__ = ["SiteError", "file_alone", "laid_over", "load_site", "site_problems"]
+__all__ = ["ON_FLOOR", "SiteError", "file_alone", "laid_over", "load_site", "site_problems"]
+
+
+ON_FLOOR = 1.0
+"""Metres outside a floor at which an exhibit may still hang on its wall."""
 
 
 class SiteError(ValueError):
@@ -70,7 +75,7 @@ def _checked(site: Site, path: Path, problems: list[str]) -> Site:
 
 def site_problems(site: Site) -> Iterable[str]:
     """Yield what single fields cannot show: names used twice, names that lead nowhere, cameras that see no floor."""
-    for name in ("floors", "areas", "cameras", "access_points", "zones"):
+    for name in ("floors", "areas", "cameras", "access_points", "zones", "exhibits"):
         counts = Counter(part.id for part in getattr(site, name))
         yield from (
             f"{name}: id {key!r} is used {count} times, ids must differ" for key, count in counts.items() if count > 1
@@ -92,10 +97,15 @@ def site_problems(site: Site) -> Iterable[str]:
                 yield f"floors[{index}].obstacles: id {key!r} is used {count} times, ids must differ"
     floors = {floor.id for floor in site.floors}
     areas = {area.id for area in site.areas}
-    for name in ("areas", "access_points", "zones"):
+    for name in ("areas", "access_points", "zones", "exhibits"):
         for index, part in enumerate(getattr(site, name)):
             if part.floor not in floors:
                 yield f"{name}[{index}].floor: {part.floor!r} is no floor; allowed: {', '.join(sorted(floors))}"
+    for index, exhibit in enumerate(site.exhibits):
+        outline = next((shapely.Polygon(floor.outline) for floor in site.floors if floor.id == exhibit.floor), None)
+        if outline is not None and outline.distance(shapely.Point(exhibit.position)) > ON_FLOOR:
+            x, y = exhibit.position
+            yield f"exhibits[{index}].position: ({x:g}, {y:g}) lies nowhere on floor {exhibit.floor!r}"
     for index, camera in enumerate(site.cameras):
         if camera.area not in areas:
             yield f"cameras[{index}].area: {camera.area!r} is no area; allowed: {', '.join(sorted(areas))}"

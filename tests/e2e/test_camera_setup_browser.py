@@ -278,7 +278,8 @@ def test_on_a_phone_nothing_is_wider_than_the_screen(system: System, browser: We
 
 
 def test_the_browser_gets_no_picture_without_asking_and_sends_no_forms(system: System) -> None:
-    form = httpx.post(f"{system.dashboard}/setup/access-points", data={"positions": "x"})
+    ours = {"Sec-Fetch-Site": "same-origin"}
+    form = httpx.post(f"{system.dashboard}/setup/access-points", data={"positions": "x"}, headers=ours)
     assert form.status_code == 415
     assert httpx.get(f"{system.dashboard}/setup/positions").status_code == 404
     assert httpx.get(f"{system.dashboard}/setup/cameras/view1/positions").status_code == 404

@@ -41,6 +41,7 @@ class System:
 
     dashboard: str
     password_dashboard: str
+    api_url: str
     bus: Bus
     keys: Keys
     start_api: Callable[[], subprocess.Popen[bytes]]
@@ -81,6 +82,7 @@ def system(project: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
         running = System(
             dashboard=f"http://127.0.0.1:{port}",
             password_dashboard=f"http://127.0.0.1:{password_port}",
+            api_url=f"http://127.0.0.1:{api_port}",
             bus=bus,
             keys=Keys("hall"),
             start_api=start_api,
@@ -230,6 +232,35 @@ def test_a_password_keeps_strangers_out(system: System, tmp_path: Path) -> None:
         wait_until(lambda: _tracks(browser), 30, "the map behind the door")
         browser.find_element(By.XPATH, "//button[text()='Sign out']").click()
         wait_until(lambda: urlsplit(browser.current_url).path == "/login", 10, "the door")
+        _a_viewer_looks_and_changes_nothing(system, browser, tmp_path)
+
+
+def _a_viewer_looks_and_changes_nothing(system: System, browser: WebDriver, tmp_path: Path) -> None:
+    staff = {"name": "maria", "role": "viewer", "password": "correct horse battery"}
+    httpx.post(f"{system.api_url}/v1/users", json=staff, headers={"X-API-Key": API_KEY}).raise_for_status()
+    browser.find_element(By.ID, "name").send_keys(staff["name"])
+    browser.find_element(By.ID, "password").send_keys(staff["password"] + Key.ENTER)
+    wait_until(lambda: _tracks(browser), 30, "the map of one of the staff")
+    assert "maria (viewer)" in browser.find_element(By.CSS_SELECTOR, ".atrium-header").text
+    browser.save_screenshot(str(tmp_path / "viewer-map.png"))
+    for page, words in (("zones", "zones-hint"), ("alerts", "inbox-lacking"), ("access-points", "points-lacking")):
+        browser.get(f"{system.password_dashboard}/{page}")
+        told = wait_until(lambda told=words: browser.find_elements(By.ID, told), 20, "the page")[0]
+        wait_until(lambda told=told: "signed in as maria (viewer)" in told.text, 20, "what a viewer may not do")
+        browser.save_screenshot(str(tmp_path / f"viewer-{page}.png"))
+    browser.get(f"{system.password_dashboard}/learning")
+    wait_until(lambda: "Decisions" in browser.page_source, 20, "the learning page")
+    assert not [one for one in browser.find_elements(By.CSS_SELECTOR, ".orders button") if one.is_displayed()]
+    httpx.delete(f"{system.api_url}/v1/users/maria", headers={"X-API-Key": API_KEY}).raise_for_status()
+    wait_until(lambda: urlsplit(browser.current_url).path == "/login", 30, "the door, for who was taken out")
+
+
+def test_pages_of_other_origins_hear_nothing(system: System) -> None:
+    address = f"{system.dashboard}/_nicegui_ws/socket.io/?EIO=4&transport=polling"
+    for origin, status in (("https://elsewhere.example", 400), (system.dashboard, 200)):
+        answer = httpx.get(address, headers={"Origin": origin})
+        allowed = answer.headers.get("access-control-allow-origin")
+        assert (answer.status_code, allowed) == (status, origin if status == 200 else None)
 
 
 def test_the_page_says_that_the_api_is_gone_and_recovers_by_itself(

@@ -322,12 +322,19 @@ def test_staff_erase_a_phone_by_its_id_typed_twice_and_see_the_stores_follow(
 def test_on_a_phone_no_page_is_wider_than_the_screen(system: tuple[str, Double], browser: WebDriver, path: str) -> None:
     size = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    url, double = system
+    # A name as long as the API takes it, without a place to break.
+    double.keep(ZoneDefinition(id="long", name="W" * 200, floor="ground", points=[(1.0, 1.0), (4.0, 1.0), (4.0, 4.0)]))
+    double.raise_alert(zone="long")
     try:
-        browser.get(system[0] + path)
+        browser.get(url + path)
         wait_until(lambda: _found(browser, "main"), 20, "the page")
         wait_until(lambda: "Live map" in _text(browser), 5, "its header")
+        if path in ("/alerts", "/zones"):
+            wait_until(lambda: "WWW" in _text(browser), 10, "the long name")
         assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
     finally:
+        del double.zones["long"], double.alerts[0]
         browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 

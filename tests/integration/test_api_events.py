@@ -4,6 +4,7 @@ import base64
 import hashlib
 import hmac
 import json
+import logging
 import re
 import socket
 import threading
@@ -23,6 +24,7 @@ from webhook_receiver import Receiver, receiver
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from services.api import request_body
 from services.api.stream import DROPPED, READERS
 from shared.bus import Bus, Publisher, router
 from shared.keys import Keys
@@ -286,6 +288,22 @@ def test_a_client_that_reads_nothing_is_dropped_and_counted_and_others_are_told(
         seen = len(attentive.seen)
         wait_until(lambda: crowd() and len(attentive.seen) > seen, DEADLINE, "others to be told")
         attentive.close()
+
+
+def test_half_a_request_is_not_waited_for_and_hanging_up_is_no_error(
+    address: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(request_body, "PATIENCE", 0.3)
+    lines = ["POST /v1/zones HTTP/1.1", "Host: x", "X-API-Key: demo-api-key", "Content-Length: 100", "", '{"id":']
+    there = ("127.0.0.1", int(address.rpartition(":")[2]))
+    with socket.create_connection(there, DEADLINE) as gone, socket.create_connection(there, DEADLINE) as slow:
+        for one in (gone, slow):
+            one.sendall("\r\n".join(lines).encode())
+        gone.close()
+        told = b"".join(iter(lambda: slow.recv(4096), b""))
+    assert told.startswith(b"HTTP/1.1 408 ")
+    assert json.loads(told.partition(b"\r\n\r\n")[2])["field"] == "body"
+    assert [record for record in caplog.records if record.levelno >= logging.ERROR] == []
 
 
 def test_the_inbox_says_who_looked_and_everybody_who_listens_hears_it(address: str, alerts: Publisher[Alert]) -> None:

@@ -184,7 +184,8 @@ def test_bad_input_names_field_and_what_is_allowed(system: tuple[str, Double]) -
     ):
         assert post(address, "/rollback", body, 422)["field"] == field
     problem = post(address, "/rollback", {"kind": "colour", "subject": AREA}, 422)
-    assert (problem["found"], problem["allowed"]) == ("colour", "radio, detector, stride, heading, alignment")
+    assert "colour" in problem["found"]
+    assert "radio, detector, stride, heading, alignment" in problem["allowed"]
     assert post(address, "/rollback", {"kind": "radio", "subject": "nowhere"}, 404)["field"] == "subject"
     assert post(address, "/rollback", {"kind": "radio", "subject": "x" * 5000}, 413)["field"] == "body"
     for body in (b"", b"[]", b"{"):

@@ -171,7 +171,10 @@ def test_a_late_joiner_gets_the_cached_alerts_and_can_resume(
             wait_until(lambda: len(get(address, "/v1/alerts")["alerts"]) == 5, DEADLINE, "five alerts")  # type: ignore[arg-type]
             newest = get(address, "/v1/alerts?limit=2&zone=entrance")["alerts"]
             assert [a["id"] for a in newest] == ["a-4", "a-3"]  # type: ignore[attr-defined]
-            after = get(address, "/v1/alerts?since=1003")["alerts"]
+            (point,) = get(address, "/v1/alerts?limit=1&format=geojson&crs=wgs84")["features"]  # type: ignore[misc]
+            assert (point["id"], point["properties"]["zone"]) == ("a-4", "entrance")
+            assert point["geometry"]["coordinates"] == pytest.approx([12.45, 41.91], abs=0.01)
+            after = get(address, "/v1/alerts?since=1970-01-01T00:16:43Z")["alerts"]
             assert [a["id"] for a in after] == ["a-4"]  # type: ignore[attr-defined]
             polled = get(address, "/v1/alerts?after=a-1&limit=2")["alerts"]
             assert [a["id"] for a in polled] == ["a-2", "a-3"]  # type: ignore[attr-defined]

@@ -182,7 +182,7 @@ def test_a_checkerboard_is_taken_with_a_few_of_its_corners(system: System) -> No
         ({"pairs": [{"pixel": [1], "place": [1, 1]}]}, "pairs[0].pixel"),
         ({"pairs": "<script>"}, "pairs: Expected `array`"),
         ({"image_size": [0, 480]}, "image_size[0]"),
-        ({"colour": "red"}, "unknown field `colour`"),
+        ({"colour": "red"}, "a field that means nothing here"),
         ({"pairs": [{"pixel": [1e300, 5], "place": [1, 1]}]}, "<= 100000"),
     ],
 )

@@ -12,7 +12,7 @@ import httpx
 import msgspec
 
 from atrium_client.errors import AtriumError, NotFound, error_of
-from atrium_client.event_stream import Event, parse
+from atrium_client.event_stream import Event, lines, parse
 from atrium_client.models import (
     Alert,
     Device,
@@ -118,7 +118,7 @@ class AtriumClient:
             return None
 
     def in_front_of(self, device: str, *, field_of_view: float = 120.0, limit: int = 10) -> InFront | None:
-        """Return the exhibits in front of one visitor, nearest first; None where nobody knows where they are."""
+        """Return what one visitor may be looking at, the likeliest first; None: nobody knows where they are."""
         asked = {"field_of_view": field_of_view, "limit": limit}
         try:
             return self._ask("GET", f"/positions/{_part(device)}/exhibits", InFront, params=asked)
@@ -291,7 +291,7 @@ class AtriumClient:
             if response.is_error:
                 response.read()
                 raise error_of(response)
-            yield from parse(response.iter_lines())
+            yield from parse(lines(response.iter_bytes()))
 
     # ---- how it is asked
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-__all__ = ["Event", "parse"]
+__all__ = ["Event", "lines", "parse"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +18,15 @@ class Event:
     name: str
     data: Any
     id: str = ""
+
+
+def lines(chunks: Iterable[bytes]) -> Iterator[str]:
+    """Yield the lines of a stream of bytes; a line feed ends one, and nothing else that may stand in a text does."""
+    rest = b""
+    for chunk in chunks:
+        *ended, rest = (rest + chunk).split(b"\n")
+        for line in ended:
+            yield line.removesuffix(b"\r").decode()
 
 
 def parse(lines: Iterable[str]) -> Iterator[Event | None]:

@@ -49,6 +49,8 @@ class Position(msgspec.Struct, frozen=True, kw_only=True):
     probability: float
     state: str
     """confirmed, coasting, unseen or lost."""
+    accuracy: float | None = None
+    """Metres: standard deviation along the direction that is known worst."""
 
 
 class Track(msgspec.Struct, frozen=True, kw_only=True):
@@ -77,6 +79,8 @@ class Track(msgspec.Struct, frozen=True, kw_only=True):
     """Earlier numbers of the same person, oldest first."""
     sources: list[str] = msgspec.field(default_factory=list)
     """Cameras that saw the person, and phones that told of them, in the last second."""
+    accuracy: float | None = None
+    """As of positions."""
 
 
 class Device(msgspec.Struct, frozen=True, kw_only=True):
@@ -147,16 +151,18 @@ class Exhibit(msgspec.Struct, kw_only=True):
 
 
 class ExhibitInFront(msgspec.Struct, frozen=True, kw_only=True):
-    """One exhibit that a visitor may be looking at; ``bearing``: degrees left of where they look."""
+    """One exhibit that a visitor may be looking at; ``bearing``: degrees left of how they walked last."""
 
     id: str
     name: str
     distance: float
     bearing: float | None
+    probability: float | None = None
+    """Of its being what they look at."""
 
 
 class InFront(msgspec.Struct, frozen=True, kw_only=True):
-    """What is in front of one visitor, nearest first."""
+    """What one visitor may be looking at, the most probable first."""
 
     device: str
     floor: str
@@ -166,6 +172,8 @@ class InFront(msgspec.Struct, frozen=True, kw_only=True):
     heading: float | None
     heading_age: float | None
     exhibits: list[ExhibitInFront]
+    state: str = ""
+    """As of positions."""
 
 
 class Alert(msgspec.Struct, frozen=True, kw_only=True):

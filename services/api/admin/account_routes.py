@@ -18,7 +18,7 @@ from services.api.auth import Holder
 from services.api.examples import EXAMPLES
 from services.api.openapi import GONE, created, documented, errors
 from services.api.problems import Problem, ProblemError
-from services.api.request_body import described, invalid, read_body, read_object
+from services.api.request_body import described, invalid, read_struct
 from services.api.settings import Scope
 
 __all__ = ["account_routes"]
@@ -49,7 +49,7 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
     )
     async def issue(request: Request) -> Response:
         """Issue a key; the secret is told in this answer and nowhere else."""
-        wanted = read_object(await read_body(request, LARGEST), NewKey, "name, scopes, and expires, rate if wanted")
+        wanted = await read_struct(request, NewKey, LARGEST, "name, scopes, and expires, rate if wanted")
         if wanted.expires is not None and not time.time() < wanted.expires < math.inf:
             raise invalid("expires", f"{wanted.expires:g}", "seconds since the epoch, in the future; or null: never")
         _not_more_than_own(request.state.holder, frozenset(wanted.scopes), "scopes")
@@ -82,7 +82,7 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
     )
     async def let_in(request: Request) -> Response:
         """Let somebody in, as viewer, guard, desk, curator or admin."""
-        wanted = read_object(await read_body(request, LARGEST), NewUser, "name, role, password")
+        wanted = await read_struct(request, NewUser, LARGEST, "name, role, password")
         _may_give(request.state.holder, wanted.role)
         user = await run_in_threadpool(accounts.let_in, wanted.name, wanted.role, wanted.password)
         request.state.audit = f"{user.name} as {user.role}"
@@ -95,7 +95,7 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
     )
     async def change(name: str, request: Request) -> Response:
         """Give somebody another role or password; they have to sign in again."""
-        wanted = read_object(await read_body(request, LARGEST), UserChange, "role, password, or both")
+        wanted = await read_struct(request, UserChange, LARGEST, "role, password, or both")
         if wanted.role is None and wanted.password is None:
             raise invalid("body", "nothing to change", "role, password, or both")
         # Whoever sets a password has what it opens.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections import deque
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import structlog
 from fastapi import APIRouter
 from sqlalchemy import Engine
 from sqlalchemy.exc import SQLAlchemyError
+from starlette.concurrency import run_in_threadpool
 
 from services.api.admin.account_routes import account_routes
 from services.api.admin.accounts import Accounts
@@ -20,12 +22,12 @@ from services.api.admin.audit_route import audit_route
 from services.api.admin.catalogue import Catalogue, Entry
 from services.api.admin.catalogue_routes import Answers, catalogue_routes
 from services.api.admin.database import migrate, open_admin
-from services.api.admin.exhibits import MOST_EXHIBITS, ExhibitDefinition
+from services.api.admin.exhibits import MOST_EXHIBITS, ExhibitDefinition, exhibits_of
 from services.api.admin.in_front_route import in_front_route
 from services.api.admin.replies import Exhibit, Exhibits
 from services.api.admin.session_routes import session_routes
 from services.api.admin.shapes import EXHIBIT, ZONE
-from services.api.admin.zone_check import MOST_ZONES
+from services.api.admin.zone_check import MOST_ZONES, check_all
 from services.api.live_state import LiveState
 from services.api.problems import ProblemError, unknown
 from services.api.pseudonyms import Pseudonyms
@@ -77,18 +79,22 @@ class Administration:
         self._published = published
         self._pseudonyms = pseudonyms
         self._tell_erased = erased
-        self.zones = Catalogue(engine, "zone", ZoneDefinition, zones_of(site), MOST_ZONES, self._publish, self._clean)
-        self.exhibits = Catalogue(engine, "exhibit", ExhibitDefinition, [], MOST_EXHIBITS)
+        self.zones = Catalogue(
+            engine, "zone", ZoneDefinition, zones_of(site), MOST_ZONES, self._publish, self._clean, check_all
+        )
+        self.exhibits = Catalogue(engine, "exhibit", ExhibitDefinition, exhibits_of(site), MOST_EXHIBITS)
         self.accounts = Accounts(engine, settings.session_hours, settings.session_rate)
         self.audit = AuditLog(engine, settings.audit_days, pseudonyms)
         self._erased: deque[str] = deque()
         self._view = site_view(site, [])
-        self.site_json = b""
+        self._drawing = asyncio.Lock()
+        self._drawn = self.zones.version
+        drawn, site_json = self._draw_zones()
+        live.draw(drawn)
+        self.site_json = site_json
         """The ready body of ``GET /v1/site``."""
-        self.exhibits_json = b""
+        self.exhibits_json = self._list_exhibits()
         """The ready body of ``GET /v1/exhibits``."""
-        self.redraw()
-        self.relist()
 
     @classmethod
     def open(
@@ -110,23 +116,33 @@ class Administration:
             migrate(url)
         return cls(settings, site, open_admin(url), live, published, pseudonyms or Pseudonyms(), erased)
 
-    def set_up(self, site: Site) -> None:
-        """Let the map show cameras and access points as set up now; called in the thread that owns ``live``."""
+    async def set_up(self, site: Site) -> None:
+        """Let the map show cameras and access points as set up now; in the event loop."""
         self._view = site_view(site, [])
-        self.redraw()
+        await self.redraw()
 
-    def redraw(self) -> None:
-        """Let the map and the counts follow the zones; called in the thread that owns ``live``."""
-        self._drawn = self.zones.version
+    async def redraw(self) -> None:
+        """Let the map and the counts follow the zones; in the event loop, which does not wait while they are drawn."""
+        async with self._drawing:  # in turn: of two changes the later stays
+            version = self.zones.version
+            drawn, self.site_json = await run_in_threadpool(self._draw_zones)
+            self.live.draw(drawn)
+            self._drawn = version
+
+    async def relist(self) -> None:
+        """Let the list of exhibits follow them; in the event loop."""
+        async with self._drawing:
+            self.exhibits_json = await run_in_threadpool(self._list_exhibits)
+
+    def _draw_zones(self) -> tuple[ZonesDrawn, bytes]:
         entries = list(self.zones.entries.values())
-        self.live.draw(ZonesDrawn([entry.definition for entry in entries], [entry.etag for entry in entries]))
+        drawn = ZonesDrawn([entry.definition for entry in entries], [entry.etag for entry in entries])
         zones = [zone_view(entry.definition) for entry in entries]
-        self.site_json = msgspec.json.encode(msgspec.structs.replace(self._view, zones=zones))
+        return drawn, msgspec.json.encode(msgspec.structs.replace(self._view, zones=zones))
 
-    def relist(self) -> None:
-        """Let the list of exhibits follow them; called in the event loop."""
+    def _list_exhibits(self) -> bytes:
         exhibits = [_exhibit(entry) for entry in self.exhibits.entries.values()]
-        self.exhibits_json = msgspec.json.encode(Exhibits(t=time.time(), exhibits=exhibits))
+        return msgspec.json.encode(Exhibits(t=time.time(), exhibits=exhibits))
 
     def viewing_places(self) -> list[ZoneDefinition]:
         """Return where people stand who look at the exhibits, an area for each: what dwell at exhibits is asked of."""
@@ -157,10 +173,10 @@ class Administration:
             self._tell_erased(device)
         return None
 
-    def follow_zones(self) -> None:
-        """Draw the zones anew where they changed by themselves; called in the thread that owns ``live``."""
+    async def follow_zones(self) -> None:
+        """Draw the zones anew where they changed by themselves; in the event loop."""
         if self._drawn != self.zones.version:
-            self.redraw()
+            await self.redraw()
 
     def _clean(self, zone: ZoneDefinition) -> ZoneDefinition:
         """Return a zone whose rules name no erased device: they go on to be about one phone, that nobody has."""
@@ -192,7 +208,7 @@ def admin_routes(admin: Administration) -> APIRouter:
     router.include_router(catalogue_routes(admin.site, ZONE, admin.zones, zones, admin.redraw))
     router.include_router(catalogue_routes(admin.site, EXHIBIT, admin.exhibits, exhibits, admin.relist))
     router.include_router(account_routes(admin.accounts, admin.settings.key_rate))
-    router.include_router(session_routes(admin.accounts))
+    router.include_router(session_routes(admin.accounts, admin.settings.trusted_key))
     router.include_router(audit_route(admin.audit, admin.engine))
     router.include_router(in_front_route(admin.site, admin.live, admin.exhibits))
     return router

@@ -14,10 +14,11 @@ from services.api.admin.account_replies import AuditEntry, AuditPage
 from services.api.admin.audit_log import AuditLog
 from services.api.database_away import database_away
 from services.api.openapi import documented
+from services.api.times import TIME, Time
 
 __all__ = ["audit_route"]
 
-Time = Annotated[float | None, Query(allow_inf_nan=False, description="seconds since the epoch")]
+Moment = Annotated[Time | None, Query(description=TIME)]
 
 
 def audit_route(audit: AuditLog, engine: Engine) -> APIRouter:
@@ -29,8 +30,8 @@ def audit_route(audit: AuditLog, engine: Engine) -> APIRouter:
         before: Annotated[
             int | None, Query(ge=0, le=2**62, description="only entries before the one of this id")
         ] = None,
-        since: Time = None,
-        until: Time = None,
+        since: Moment = None,
+        until: Moment = None,
         who: Annotated[str | None, Query(max_length=128, description="only what this one did")] = None,
         action: Annotated[
             str | None, Query(max_length=16, description="GET: look-ups; POST, PUT, DELETE: changes")

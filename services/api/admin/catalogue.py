@@ -56,6 +56,7 @@ class Catalogue(Generic[D]):
         most: as many are kept.
         publish: called with version and definitions after each change, and at the start where there was one.
         clean: returns a definition as it may be kept, the same where nothing is wrong: without erased devices.
+        check: called with all definitions before and after a change; refuses it by raising a ``ProblemError``.
 
     Raises:
         ServiceError: the database cannot be read.
@@ -70,6 +71,7 @@ class Catalogue(Generic[D]):
         most: int,
         publish: Callable[[int, list[D]], None] = lambda version, definitions: None,
         clean: Callable[[D], D] = lambda definition: definition,
+        check: Callable[[list[D], list[D]], None] = lambda before, after: None,
     ) -> None:
         self._engine = engine
         self._kind = kind
@@ -78,6 +80,7 @@ class Catalogue(Generic[D]):
         self._most = most
         self._publish = publish
         self._clean = clean
+        self._check = check
         self._lock = threading.Lock()
         self.version = 0
         self.entries: dict[str, Entry[D]] = {}
@@ -182,6 +185,7 @@ class Catalogue(Generic[D]):
 
     def _store(self, entries: dict[str, Entry[D]], written: list[Entry[D]], removed: list[str]) -> None:
         """Write the change, then let readers see it. Versions count seconds: they grow over a lost database too."""
+        self._check(self.definitions, [entry.definition for entry in entries.values()])
         version = max(self.version + 1, int(time.time()))
         if not self.version:
             written, removed = list(entries.values()), []

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import msgspec
-from fastapi import APIRouter, Header, Query, Request
+from fastapi import APIRouter, Depends, Header, Request
 from shapely import Polygon
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from services.api.admin.catalogue import Catalogue, Entry
-from services.api.admin.geojson import GEOJSON, Crs, collection, placed
+from services.api.admin.geojson import CRS, GEOJSON, Crs, Drawing, collection, drawing, placed
 from services.api.admin.shapes import Kind
 from services.api.examples import EXAMPLES
 from services.api.openapi import GONE, UNCHANGED, created, documented, errors
@@ -27,8 +27,9 @@ __all__ = ["Answers", "catalogue_routes"]
 
 LARGEST = 4 * 2**20
 """Bytes."""
-_CRS = Query(description="of GeoJSON: plan, metres; wgs84, longitude and latitude, where the site file has an anchor")
 _IF_MATCH = Header(description="the ETag that was read: refuse with 412 if it was changed meanwhile")
+
+_HEADERS = {"Cache-Control": "no-store", "Vary": "Accept"}
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def catalogue_routes(
     kind: Kind[Any],
     catalogue: Catalogue[Any],
     answers: Answers,
-    changed: Callable[[], None],
+    changed: Callable[[], Awaitable[None]],
 ) -> APIRouter:
     """Return the routes of one catalogue.
 
@@ -55,18 +56,18 @@ def catalogue_routes(
         kind: how definitions are read and drawn.
         catalogue: where they are kept.
         answers: what is told of them.
-        changed: called in the event loop after a change.
+        changed: awaited after a change, before it is answered.
     """
     router = APIRouter(prefix=f"/v1/{kind.name}s", tags=[f"{kind.name}s"], default_response_class=Response)
     earth = PlanOnEarth.of(site)
     floors = {floor.id: Polygon(floor.outline) for floor in site.floors}
     body = described(kind.shape, EXAMPLES[kind.shape])
     one_feature = kind.draw(msgspec.convert(EXAMPLES[kind.shape], kind.shape), None)
-    many_features = {"type": "FeatureCollection", "features": [one_feature]}
+    many_features = collection([one_feature])
     body["requestBody"]["content"][GEOJSON] = {"schema": {"type": "object"}, "example": one_feature}
 
     def respond(entry: Entry[Any], status: int = 200) -> Response:
-        headers = {"ETag": entry.etag, "Cache-Control": "no-store"}
+        headers = {"ETag": entry.etag, **_HEADERS}
         if status == 201:
             headers["Location"] = f"/v1/{kind.name}s/{entry.definition.id}"
         content = msgspec.json.encode(answers.one(entry))
@@ -75,9 +76,9 @@ def catalogue_routes(
     def drawn(entries: list[Entry[Any]], crs: Crs, *, one: bool = False) -> Response:
         on_earth = placed(crs, earth)
         features = [kind.draw(entry.definition, on_earth) for entry in entries]
-        content = msgspec.json.encode(features[0]) if one else collection(features)
+        content = msgspec.json.encode(features[0] if one else collection(features))
         headers = {"ETag": entries[0].etag} if one else {}
-        return Response(content, headers=headers | {"Cache-Control": "no-store"}, media_type=GEOJSON)
+        return Response(content, headers=headers | _HEADERS, media_type=GEOJSON)
 
     async def read(request: Request, crs: Crs, path_id: str | None = None) -> list[Any]:
         geojson = GEOJSON in request.headers.get("content-type", "")
@@ -88,36 +89,30 @@ def catalogue_routes(
         return await run_in_threadpool(kind.read, content, floors, geojson=geojson, earth=on_earth, path_id=path_id)
 
     @router.get("", responses=drawn_too(documented(answers.list_shape, 422), many_features) | UNCHANGED)
-    async def all_of_them(request: Request, crs: Annotated[Crs, _CRS] = "plan") -> Response:
-        """All of them; with Accept: application/geo+json as a FeatureCollection."""
-        if GEOJSON in request.headers.get("accept", ""):
-            return await run_in_threadpool(drawn, list(catalogue.entries.values()), crs)
-        if crs != "plan":
-            raise invalid("crs", crs, f"plan; wgs84 goes with Accept: {GEOJSON}")
-        return Response(answers.every(), media_type="application/json")
+    async def all_of_them(asked: Annotated[Drawing, Depends(drawing)]) -> Response:
+        """All of them; as GeoJSON a FeatureCollection."""
+        if asked.geojson:
+            return await run_in_threadpool(drawn, list(catalogue.entries.values()), asked.crs)
+        return Response(answers.every(), headers=_HEADERS, media_type="application/json")
 
     @router.post("", status_code=201, responses=created(answers.shape, 409, 413, 422, 503), openapi_extra=body)
-    async def add(request: Request, crs: Annotated[Crs, _CRS] = "plan") -> Response:
+    async def add(request: Request, crs: Annotated[Crs, CRS] = "plan") -> Response:
         """Add one; a GeoJSON FeatureCollection adds all that are in it, or none."""
         entries = await run_in_threadpool(catalogue.add, await read(request, crs))
-        changed()
+        await changed()
         return respond(entries[0], 201)
 
     @router.get("/{item}", responses=drawn_too(documented(answers.shape, 404, 422), one_feature))
-    async def one_of_them(item: str, request: Request, crs: Annotated[Crs, _CRS] = "plan") -> Response:
+    async def one_of_them(item: str, asked: Annotated[Drawing, Depends(drawing)]) -> Response:
         """One of them."""
         entry = catalogue.find(item)
-        if GEOJSON in request.headers.get("accept", ""):
-            return drawn([entry], crs, one=True)
-        if crs != "plan":
-            raise invalid("crs", crs, f"plan; wgs84 goes with Accept: {GEOJSON}")
-        return respond(entry)
+        return drawn([entry], asked.crs, one=True) if asked.geojson else respond(entry)
 
     @router.put("/{item}", responses=documented(answers.shape, 404, 409, 412, 413, 422, 503), openapi_extra=body)
     async def replace(
         item: str,
         request: Request,
-        crs: Annotated[Crs, _CRS] = "plan",
+        crs: Annotated[Crs, CRS] = "plan",
         if_match: Annotated[str | None, _IF_MATCH] = None,
     ) -> Response:
         """Put another definition in the place of one."""
@@ -125,7 +120,7 @@ def catalogue_routes(
         (definition,) = await read(request, crs, item)
         before, entry = await run_in_threadpool(catalogue.replace, item, definition, if_match)
         request.state.audit = msgspec.json.encode(before.definition).decode()
-        changed()
+        await changed()
         return respond(entry)
 
     @router.delete("/{item}", status_code=204, responses=GONE | errors(404, 409, 412, 503))
@@ -133,7 +128,7 @@ def catalogue_routes(
         """Take one out."""
         before = await run_in_threadpool(catalogue.remove, item, if_match)
         request.state.audit = msgspec.json.encode(before.definition).decode()
-        changed()
+        await changed()
         return Response(status_code=204)
 
     return router

@@ -12,9 +12,11 @@ from msgspec import Meta
 
 from services.api.admin.zone_check import FARTHEST, check_floor
 from services.api.request_body import invalid
+from shared.site import Site
+from shared.site.site_loading import ON_FLOOR
 from shared.zones import Id
 
-__all__ = ["MOST_EXHIBITS", "ExhibitDefinition", "check_exhibit"]
+__all__ = ["MOST_EXHIBITS", "ExhibitDefinition", "check_exhibit", "exhibits_of"]
 
 MOST_EXHIBITS = 5000
 
@@ -33,6 +35,22 @@ class ExhibitDefinition(msgspec.Struct, frozen=True, kw_only=True):
     """Where its front looks, degrees counter-clockwise from the plan's +x; null: it has no back."""
 
 
+def exhibits_of(site: Site) -> list[ExhibitDefinition]:
+    """Return the exhibits of a site file."""
+    return [
+        ExhibitDefinition(
+            id=one.id,
+            name=one.name,
+            floor=one.floor,
+            x=one.position[0],
+            y=one.position[1],
+            reach=one.reach,
+            facing=one.facing,
+        )
+        for one in site.exhibits
+    ]
+
+
 def check_exhibit(exhibit: ExhibitDefinition, floors: Mapping[str, shapely.Polygon]) -> None:
     """Accept an exhibit.
 
@@ -43,5 +61,5 @@ def check_exhibit(exhibit: ExhibitDefinition, floors: Mapping[str, shapely.Polyg
     for field, value in (("x", exhibit.x), ("y", exhibit.y)):
         if not math.isfinite(value) or abs(value) > FARTHEST:
             raise invalid(field, f"{value:g}", f"metres on the plan, at most {FARTHEST:g} from its zero")
-    if outline.distance(shapely.Point(exhibit.x, exhibit.y)) > 1.0:
+    if outline.distance(shapely.Point(exhibit.x, exhibit.y)) > ON_FLOOR:
         raise invalid("x, y", f"{exhibit.x:g}, {exhibit.y:g}", f"a place on floor {exhibit.floor}")

@@ -2,23 +2,73 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
+from fastapi import Query, Request
 
 from services.api.request_body import invalid
 from shared.site.geographic import PlanOnEarth
 
-__all__ = ["GEOJSON", "Crs", "collection", "features_of", "place_of", "placed"]
+__all__ = [
+    "CRS",
+    "GEOJSON",
+    "PLAN_METRES",
+    "Crs",
+    "Drawing",
+    "collection",
+    "drawing",
+    "feature",
+    "features_of",
+    "place_of",
+    "placed",
+    "point",
+]
 
 GEOJSON = "application/geo+json"
 Crs = Literal["plan", "wgs84"]
+CRS = Query(description="of GeoJSON: plan, metres; wgs84, longitude and latitude, where the site file has an anchor")
 Points = list[tuple[float, float]]
+
+PLAN_METRES = "plan metres"
+"""What a ``crs`` member calls the plan's coordinates."""
+_NAMES: dict[Crs, tuple[str, ...]] = {
+    "plan": (PLAN_METRES,),
+    "wgs84": ("urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:OGC::CRS84", "OGC:CRS84"),
+}
+"""What a ``crs`` member may say."""
 
 DECIMALS = 8
 """Of degrees: a millimetre."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How a read wants places told: as GeoJSON or not, and where."""
+
+    crs: Crs
+    geojson: bool
+
+
+async def drawing(
+    request: Request,
+    crs: Annotated[Crs, CRS] = "plan",
+    format: Annotated[  # noqa: A002
+        Literal["json", "geojson"] | None, Query(description=f"of the answer; without it, as Accept says ({GEOJSON})")
+    ] = None,
+) -> Drawing:
+    """Return how a read wants its places told.
+
+    Raises:
+        ProblemError: longitudes are asked for and GeoJSON is not.
+    """
+    geojson = format == "geojson" or (format is None and GEOJSON in request.headers.get("accept", ""))
+    if crs != "plan" and not geojson:
+        raise invalid("crs", crs, f"plan; wgs84 goes with format=geojson or Accept: {GEOJSON}")
+    return Drawing(crs, geojson)
 
 
 def placed(crs: Crs, earth: PlanOnEarth | None) -> PlanOnEarth | None:
@@ -34,16 +84,20 @@ def placed(crs: Crs, earth: PlanOnEarth | None) -> PlanOnEarth | None:
     return earth
 
 
-def collection(features: Iterable[dict[str, Any]]) -> bytes:
-    """Return the body of many features."""
-    return msgspec.json.encode({"type": "FeatureCollection", "features": list(features)})
+def collection(features: Sequence[dict[str, Any]], **beside: Any) -> dict[str, Any]:
+    """Return many features as one thing, and what else is told ``beside`` them."""
+    return {"type": "FeatureCollection", "features": features, **beside}
 
 
-def features_of(document: Any) -> list[dict[str, Any]]:
+def features_of(document: Any, earth: PlanOnEarth | None) -> list[dict[str, Any]]:
     """Return the features of a Feature or FeatureCollection.
 
+    Args:
+        document: what was sent.
+        earth: turns its coordinates into the plan's; None: they are the plan's.
+
     Raises:
-        ProblemError: it is neither.
+        ProblemError: it is neither, or says itself that its coordinates are others.
     """
     kind = document.get("type") if isinstance(document, dict) else None
     if kind == "FeatureCollection":
@@ -59,7 +113,19 @@ def features_of(document: Any) -> list[dict[str, Any]]:
             raise invalid(f"features[{number}].type", "something else", "Feature")
         if not isinstance(feature.get("properties") or {}, dict):
             raise invalid(f"features[{number}].properties", "something else", "an object")
+    for part in (document, *features, *(feature.get("geometry") for feature in features)):
+        if isinstance(part, dict) and part.get("crs") is not None:
+            _check_crs(part["crs"], "plan" if earth is None else "wgs84")
     return features
+
+
+def _check_crs(told: Any, crs: Crs) -> None:
+    """Refuse a ``crs`` member (of the GeoJSON of 2008, which many programs still write) that names another system."""
+    properties = told.get("properties") if isinstance(told, dict) else None
+    name = properties.get("name") if isinstance(properties, dict) else None
+    if not isinstance(name, str) or name not in _NAMES[crs]:
+        found = name[:100] if isinstance(name, str) else "one without a name"
+        raise invalid("crs", found, f"none, or {' or '.join(_NAMES[crs])}, as the query says: crs={crs}")
 
 
 def feature(
@@ -81,6 +147,13 @@ def feature(
         "geometry": {"type": geometry, "coordinates": coordinates},
         "properties": properties,
     }
+
+
+def point(name: str, told: msgspec.Struct, earth: PlanOnEarth | None) -> dict[str, Any]:
+    """Return something that has a place, ``x`` and ``y``, as a Point; all else that is told of it: its properties."""
+    properties = msgspec.to_builtins(told)
+    properties.pop("id", None)
+    return feature(name, "Point", [(properties.pop("x"), properties.pop("y"))], properties, earth)
 
 
 def place_of(

@@ -14,7 +14,7 @@ from starlette.responses import Response
 from services.api.admin.catalogue import Catalogue
 from services.api.admin.exhibits import ExhibitDefinition
 from services.api.admin.replies import ExhibitInFront, ExhibitsInFront
-from services.api.in_front import in_front
+from services.api.in_front import Visitor, in_front
 from services.api.live_state import LiveState
 from services.api.openapi import documented
 from services.api.problems import unknown
@@ -33,10 +33,13 @@ def in_front_route(site: Site, live: LiveState, exhibits: Catalogue[ExhibitDefin
     async def exhibits_in_front(
         request: Request,
         device: str,
-        field_of_view: Annotated[float, Query(ge=10.0, le=360.0, description="degrees, the whole of it")] = 120.0,
+        field_of_view: Annotated[
+            float,
+            Query(ge=10.0, le=360.0, description="degrees, the whole of it, of who walks; who stands looks anywhere"),
+        ] = 120.0,
         limit: Annotated[int, Query(ge=1, le=1000, description="at most this many")] = 10,
     ) -> Response:
-        """What is in front of one visitor, nearest first; where nobody knows which way they look, what is near."""
+        """What one visitor may be looking at, the most probable first; see probability."""
         saw(request, Seen((device,)))
         now = time.time()
         position = live.position(device, now)
@@ -44,18 +47,19 @@ def in_front_route(site: Site, live: LiveState, exhibits: Catalogue[ExhibitDefin
             raise unknown("device", device)
         heading = live.heading(device)
         here = [one for one in exhibits.definitions if one.floor == position.floor]
-        xx, xy, yy = position.covariance
+        towards, since = heading or (None, position.t)
+        # From the wall clock, as age: nobody hears more of one who is lost, and what was known grows old all the same.
+        stood = max(0.0, position.t - since) + position.age
         seen = in_front(
-            (position.x, position.y),
-            math.sqrt(max(0.0, (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy))),
-            None if heading is None else heading[0],
+            Visitor((position.x, position.y), position.accuracy, towards, stood),
             math.radians(field_of_view),
             np.array([(one.x, one.y) for one in here], dtype=float).reshape(-1, 2),
             np.array([one.reach for one in here], dtype=float),
             np.radians([math.nan if one.facing is None else one.facing for one in here]),
             plans[position.floor],
         )
-        rows = zip(seen.exhibit.tolist(), seen.distance.tolist(), seen.bearing.tolist(), strict=True)
+        columns = (seen.exhibit, seen.distance, seen.bearing, seen.probability)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
         told = ExhibitsInFront(
             t=now,
             device=device,
@@ -63,16 +67,18 @@ def in_front_route(site: Site, live: LiveState, exhibits: Catalogue[ExhibitDefin
             x=position.x,
             y=position.y,
             age=position.age,
-            heading=None if heading is None else round(math.degrees(heading[0]), 1),
-            heading_age=None if heading is None else round(max(0.0, position.t - heading[1]), 3),
+            state=position.state,
+            heading=None if towards is None else round(math.degrees(towards), 1),
+            heading_age=None if towards is None else round(stood, 3),
             exhibits=[
                 ExhibitInFront(
                     id=here[index].id,
                     name=here[index].name,
                     distance=round(distance, 2),
                     bearing=None if math.isnan(bearing) else round(math.degrees(bearing), 1),
+                    probability=round(probability, 3),
                 )
-                for index, distance, bearing in list(rows)[:limit]
+                for index, distance, bearing, probability in list(rows)[:limit]
             ],
         )
         return Response(msgspec.json.encode(told), media_type="application/json")

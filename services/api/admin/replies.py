@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from services.api.replies import Reply
+from services.api.replies import PositionState, Reply
 
 __all__ = ["Exhibit", "ExhibitInFront", "Exhibits", "ExhibitsInFront"]
 
@@ -36,11 +36,13 @@ class ExhibitInFront(Reply, frozen=True, kw_only=True):
     distance: float
     """Metres."""
     bearing: float | None
-    """Degrees left of where the visitor looks; null where nobody knows that."""
+    """Degrees left of how the visitor walked last; null where nobody knows that."""
+    probability: float
+    """Of its being what they look at."""
 
 
 class ExhibitsInFront(Reply, frozen=True, kw_only=True):
-    """What is in front of one visitor, nearest first."""
+    """What one visitor may be looking at, the most probable first; what is left to 1 is nothing at all."""
 
     t: float
     device: str
@@ -48,9 +50,9 @@ class ExhibitsInFront(Reply, frozen=True, kw_only=True):
     x: float
     y: float
     age: float
+    state: PositionState
     heading: float | None
-    """Where they look, taken from how they walked last: degrees counter-clockwise from the plan's +x axis; null: they
-    have not walked."""
+    """How they walked last: degrees counter-clockwise from the plan's +x axis; null: they have not walked."""
     heading_age: float | None
     """Seconds since they walked."""
     exhibits: list[ExhibitInFront]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import hmac
 import math
 
 import msgspec
 from fastapi import APIRouter, Request
+from pydantic import SecretStr
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
@@ -18,7 +20,8 @@ from services.api.auth import Holder, presented_key, too_many
 from services.api.examples import EXAMPLES
 from services.api.openapi import GONE, documented, errors
 from services.api.problems import Problem, ProblemError
-from services.api.request_body import described, read_body, read_object
+from services.api.request_body import described, read_struct
+from shared.client_address import source_of
 from shared.rate_limiter import RateLimiter
 
 __all__ = ["session_routes"]
@@ -28,19 +31,37 @@ LARGEST = 4096
 AT_ONCE = 2
 """Passwords that are tried at once: each takes 32 MiB and a tenth of a second of a core."""
 OF_A_NAME = (10, 30.0)
-"""Wrong passwords at once, and seconds until there is another try."""
+"""Wrong passwords for it from one address at once, and seconds until there is another try."""
 OF_AN_ADDRESS = (100, 2.0)
-"""More, because all who come through one proxy or the dashboard have one address."""
+"""More, because all who come through one proxy have one address."""
+ON_BEHALF_OF = "x-atrium-client"
+"""Header in which the dashboard says whose browser it asks for."""
+
+LONGEST_CLIENT = 100
 
 
-def session_routes(accounts: Accounts) -> APIRouter:
-    """Return the routes."""
+def session_routes(accounts: Accounts, dashboard_key: SecretStr | None) -> APIRouter:
+    """Return the routes.
+
+    Args:
+        accounts: the staff.
+        dashboard_key: whoever shows it is believed for whom they ask.
+    """
     router = APIRouter(prefix="/v1/session", tags=["accounts"], default_response_class=Response)
     rations = [RateLimiter(1.0 / seconds, tries) for tries, seconds in (OF_A_NAME, OF_AN_ADDRESS)]
     desk = asyncio.Semaphore(AT_ONCE)
 
+    def client_of(request: Request) -> str:
+        told = request.headers.get(ON_BEHALF_OF, "")
+        shown = presented_key(request.scope) or b""
+        if told and dashboard_key is not None and hmac.compare_digest(shown, dashboard_key.get_secret_value().encode()):
+            return told[:LONGEST_CLIENT]
+        return source_of(request.client.host if request.client else "")
+
     async def role_of(request: Request, name: str, password: str) -> Role:
-        sources = list(zip(rations, (name, request.client.host if request.client else ""), strict=True))
+        # A stranger who guesses must not lock out the one whose name it is: rations of a name are by address, too.
+        source = client_of(request)
+        sources = list(zip(rations, (f"{source}\n{name}", source), strict=True))
         wait = max(ration.wait(source) for ration, source in sources)
         if wait > 0.0:
             raise ProblemError(*too_many("too many wrong passwords", wait))
@@ -72,8 +93,8 @@ def session_routes(accounts: Accounts) -> APIRouter:
         openapi_extra=described(Credentials, EXAMPLES[Credentials]) | {"security": []},
     )
     async def sign_in(request: Request) -> Response:
-        """Sign in; needs no key. After ten wrong passwords for one name, or a hundred from one address: wait."""
-        told = read_object(await read_body(request, LARGEST), Credentials, "user and password")
+        """Sign in; needs no key. After ten wrong passwords for a name from one address, or a hundred from it: wait."""
+        told = await read_struct(request, Credentials, LARGEST, "user and password")
         request.state.audit_who = claimed(told.user)
         role = await role_of(request, told.user, told.password)
         request.state.audit_who = told.user
@@ -105,7 +126,7 @@ def session_routes(accounts: Accounts) -> APIRouter:
         """Change one's own password; all sign-ins of that name end, this one too."""
         holder: Holder = request.state.holder
         _only_people(holder)
-        told = read_object(await read_body(request, LARGEST), NewPassword, "password and new_password")
+        told = await read_struct(request, NewPassword, LARGEST, "password and new_password")
         request.state.audit_who = f"{holder.name} ({holder.id})"
         await role_of(request, holder.name, told.password)
         await run_in_threadpool(accounts.change, holder.name, None, told.new_password)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
@@ -10,7 +11,7 @@ import msgspec
 import shapely
 
 from services.api.admin.exhibits import ExhibitDefinition, check_exhibit
-from services.api.admin.geojson import feature, features_of, place_of
+from services.api.admin.geojson import feature, features_of, place_of, point
 from services.api.admin.zone_check import check_zone
 from services.api.request_body import invalid, only_known, read_json
 from shared.site.geographic import PlanOnEarth
@@ -35,6 +36,8 @@ class Kind(Generic[D]):
     draw: Callable[[D, PlanOnEarth | None], Feature]
     undraw: Callable[[Feature, PlanOnEarth | None], dict[str, Any]]
     check: Callable[[D, Floors], None]
+    complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda told: told
+    """Fills in what a request may leave out because the rest tells it."""
 
     def read(
         self, body: bytes, floors: Floors, *, geojson: bool, earth: PlanOnEarth | None, path_id: str | None = None
@@ -52,7 +55,7 @@ class Kind(Generic[D]):
             ProblemError: something does not fit; nothing of it is to be taken.
         """
         told = read_json(body, self.allowed)
-        parts = [self.undraw(one, earth) for one in features_of(told)] if geojson else [told]
+        parts = [self.undraw(one, earth) for one in features_of(told, earth)] if geojson else [told]
         if path_id is not None and len(parts) != 1:
             raise invalid("features", f"{len(parts)}", "one")
         definitions = []
@@ -62,10 +65,29 @@ class Kind(Generic[D]):
             known = {name: value for name, value in part.items() if name not in self.answered}
             if path_id is not None and known.setdefault("id", path_id) != path_id:
                 raise invalid("id", str(known["id"])[:64], f"{path_id}, as in the path")
-            definition = only_known(known, self.shape, self.allowed)
+            definition = only_known(self.complete(known), self.shape, self.allowed)
             self.check(definition, floors)
             definitions.append(definition)
         return definitions
+
+
+def _complete_zone(told: dict[str, Any]) -> dict[str, Any]:
+    """Two points are a line, more an area; rules are called what they tell, numbered where one kind comes twice."""
+    points, rules = told.get("points"), told.get("rules")
+    if "shape" not in told and isinstance(points, list) and len(points) == 2:
+        told = told | {"shape": "line"}
+    if not isinstance(rules, list) or not all(isinstance(rule, dict) for rule in rules):
+        return told
+    taken = {rule["id"] for rule in rules if isinstance(rule.get("id"), str)}
+    named = []
+    for rule in rules:
+        kind = rule.get("kind")
+        if "id" not in rule and isinstance(kind, str):
+            numbered = (kind if number == 1 else f"{kind}-{number}" for number in itertools.count(1))
+            rule = {"id": next(name for name in numbered if name not in taken)} | rule
+            taken.add(rule["id"])
+        named.append(rule)
+    return told | {"rules": named}
 
 
 def _draw_zone(zone: ZoneDefinition, earth: PlanOnEarth | None) -> Feature:
@@ -80,9 +102,7 @@ def _undraw_zone(drawn: Feature, earth: PlanOnEarth | None) -> dict[str, Any]:
 
 
 def _draw_exhibit(exhibit: ExhibitDefinition, earth: PlanOnEarth | None) -> Feature:
-    properties = msgspec.to_builtins(exhibit)
-    point = (properties.pop("x"), properties.pop("y"))
-    return feature(properties.pop("id"), "Point", [point], properties, earth)
+    return point(exhibit.id, exhibit, earth)
 
 
 def _undraw_exhibit(drawn: Feature, earth: PlanOnEarth | None) -> dict[str, Any]:
@@ -98,6 +118,7 @@ ZONE = Kind(
     _draw_zone,
     _undraw_zone,
     check_zone,
+    _complete_zone,
 )
 EXHIBIT = Kind(
     "exhibit",

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import shapely
 
 from services.api.request_body import invalid
 from shared.zones import ZoneDefinition, ZoneRule
 
-__all__ = ["MOST_ZONES", "check_floor", "check_zone"]
+__all__ = ["MOST_POINTS", "MOST_ZONES", "check_all", "check_floor", "check_zone"]
 
 MOST_ZONES = 2000
+MOST_POINTS = 100_000
+"""Of all zones together: everybody who reads the zones is sent them."""
 FARTHEST = 10_000.0
 """Metres from the plan's zero."""
 SMALLEST = 0.01
@@ -44,6 +46,17 @@ def check_zone(zone: ZoneDefinition, floors: Mapping[str, shapely.Polygon]) -> N
         _check_rule(rule, zone.shape == "line", f"rules[{number}]")
 
 
+def check_all(before: Iterable[ZoneDefinition], after: Iterable[ZoneDefinition]) -> None:
+    """Accept a change of all zones; what is fewer than before is accepted, however much is left.
+
+    Raises:
+        ProblemError: they would have too many points.
+    """
+    points = sum(len(zone.points) for zone in after)
+    if points > MOST_POINTS and points > sum(len(zone.points) for zone in before):
+        raise invalid("points", f"{points} in all zones together", f"at most {MOST_POINTS} in all zones together")
+
+
 def check_floor(floor: str, floors: Mapping[str, shapely.Polygon]) -> shapely.Polygon:
     """Return the outline of a floor.
 
@@ -57,7 +70,7 @@ def check_floor(floor: str, floors: Mapping[str, shapely.Polygon]) -> shapely.Po
 
 def _area(points: list[tuple[float, float]]) -> shapely.Polygon:
     if len(set(points)) < 3:
-        raise invalid("points", f"{len(set(points))} corners", "an area with at least 3 corners")
+        raise invalid("points", f"{len(set(points))} corners", 'an area with at least 3 corners, or "shape": "line"')
     polygon = shapely.Polygon(points)
     if not polygon.is_valid:
         reason = shapely.is_valid_reason(polygon)
@@ -78,8 +91,9 @@ def _line(points: list[tuple[float, float]]) -> shapely.LineString:
 
 def _check_rule(rule: ZoneRule, of_line: bool, field: str) -> None:
     if of_line != (rule.kind == "cross"):
-        allowed = "cross" if of_line else "enter, exit, dwell, crowd, proximity or speed"
-        raise invalid(f"{field}.kind", rule.kind, f"{allowed}, for {'a line' if of_line else 'an area'}")
+        allowed = "cross, for a line" if of_line else "enter, exit, dwell, crowd, proximity or speed, for an area"
+        other = "area" if of_line else "line"
+        raise invalid(f"{field}.kind", rule.kind, f'{allowed}; or with "shape": "{other}"')
     unit = NEED_LIMIT.get(rule.kind)
     if unit is None and rule.limit is not None:
         raise invalid(f"{field}.limit", f"{rule.limit:g}", f"none: {rule.kind} has no limit")

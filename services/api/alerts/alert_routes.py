@@ -8,24 +8,29 @@ from typing import Annotated, get_args
 
 import msgspec
 import structlog
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Depends, Query, Request
 from sqlalchemy import Engine
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
+from services.api.admin.geojson import GEOJSON, Drawing, collection, drawing, placed, point
 from services.api.alerts.alert_replies import Acknowledged, Alerts, InboxAlert, Note
 from services.api.alerts.inbox import AcknowledgedError, AlertInbox, Wanted
 from services.api.auth import needs
 from services.api.database_away import database_away
+from services.api.examples import EXAMPLES
 from services.api.nameless import nameless
 from services.api.openapi import documented
+from services.api.openapi import drawn as drawn_too
 from services.api.problems import Problem, ProblemError, unknown
 from services.api.request_body import described, invalid, read_body, read_object
 from services.api.seen import ALL, Seen, saw, saw_rows
 from services.api.stream import Hub
+from services.api.times import TIME, Time
 from shared.keys import is_identifier
 from shared.messages import AlertKind
 from shared.site import Site
+from shared.site.geographic import PlanOnEarth
 
 __all__ = ["alert_routes"]
 
@@ -49,18 +54,20 @@ def alert_routes(
     """
     router = APIRouter(prefix="/v1/alerts", tags=["alerts"], default_response_class=Response)
     areas = [area.id for area in site.areas]
+    earth = PlanOnEarth.of(site)
+    example = msgspec.convert(EXAMPLES[InboxAlert], InboxAlert)
+    as_geojson = collection([point(example.id, example, None)])
 
     def told(request: Request, alert: InboxAlert) -> InboxAlert:
         """Which phones it is about only those hear who may read positions."""
         return alert if "positions" in request.state.holder.scopes else nameless(alert)
 
-    @router.get("", responses=documented(Alerts, 404, 422, 503))
+    @router.get("", responses=drawn_too(documented(Alerts, 404, 422, 503), as_geojson))
     def alerts(
         request: Request,
-        since: Annotated[
-            float | None, Query(allow_inf_nan=False, description="only alerts measured after this time")
-        ] = None,
-        until: Annotated[float | None, Query(allow_inf_nan=False, description="and no later than this")] = None,
+        drawn: Annotated[Drawing, Depends(drawing)],
+        since: Annotated[Time | None, Query(description=f"only alerts measured after this time, {TIME}")] = None,
+        until: Annotated[Time | None, Query(description="and no later than this")] = None,
         zone: Annotated[str | None, Query(description="only this zone")] = None,
         area: Annotated[str | None, Query(description="only this area")] = None,
         device: Annotated[str | None, Query(description="only alerts about this device")] = None,
@@ -103,7 +110,13 @@ def alert_routes(
         page = found[:limit]
         following = page[-1].id if len(found) > limit else None
         saw(request, ALL if device is None else Seen((device,)))
-        return _json(Alerts(t=time.time(), alerts=[told(request, one) for one in page], next=following))
+        rows = [told(request, one) for one in page]
+        now = time.time()
+        if drawn.geojson:
+            on_earth = placed(drawn.crs, earth)
+            body = collection([point(alert.id, alert, on_earth) for alert in rows], t=now, next=following)
+            return Response(msgspec.json.encode(body), media_type=GEOJSON)
+        return _json(Alerts(t=now, alerts=rows, next=following))
 
     @router.get("/{alert}", responses=documented(InboxAlert, 404, 503))
     def alert(request: Request, alert: str) -> Response:

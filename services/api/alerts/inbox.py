@@ -6,18 +6,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import msgspec
-from sqlalchemy import Engine, Select, delete, func, or_, select, tuple_
+from sqlalchemy import CursorResult, Engine, Select, delete, exists, func, or_, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from services.api.alerts.alert_replies import Acknowledgement, InboxAlert
-from services.api.alerts.tables import LONGEST_ID, AlertRow
+from services.api.alerts.tables import LONGEST_ID, AlertRow, DeliveryRow
 from shared.messages import Alert
 
-__all__ = ["AcknowledgedError", "AlertInbox", "Told", "Wanted"]
+__all__ = ["FORGOTTEN", "AcknowledgedError", "AlertInbox", "Told", "Wanted"]
 
 OnNew = Callable[[Session, Sequence[AlertRow]], None]
 
 _alert = msgspec.json.Decoder(Alert)
+
+FORGOTTEN = "it waited until the inbox no longer held it"
+"""Why such an alert is a dead letter."""
 
 
 class AcknowledgedError(Exception):
@@ -141,14 +144,16 @@ class AlertInbox:
             AcknowledgedError: somebody did before.
         """
         with Session(self._engine) as session, session.begin():
-            row = session.scalar(select(AlertRow).where(AlertRow.id == alert_id).with_for_update())
-            if row is None:
-                raise KeyError(alert_id)
-            first = _told(row).acknowledged
-            if first is not None:
-                raise AcknowledgedError(first)
-            row.acknowledged, row.acknowledged_by, row.note = now, by[:LONGEST_ID], note
-            return _told(row)
+            # One statement looks and writes: of two who come at once, one finds nothing left to do.
+            written: CursorResult[tuple[()]] = session.execute(  # type: ignore[assignment]
+                update(AlertRow)
+                .where(AlertRow.id == alert_id, AlertRow.acknowledged.is_(None))
+                .values(acknowledged=now, acknowledged_by=by[:LONGEST_ID], note=note)
+            )
+            seen = _told(_held(session, alert_id))
+            if written.rowcount == 0 and seen.acknowledged is not None:
+                raise AcknowledgedError(seen.acknowledged)
+            return seen
 
     def erase(self, device: str, without: Callable[[str], str]) -> None:
         """Take a device whose consent was withdrawn out of all alerts; ``without`` takes it out of staff's notes."""
@@ -163,12 +168,17 @@ class AlertInbox:
                 row.note = without(row.note)
 
     def forget(self, now: float) -> None:
-        """Delete what is too old or too much."""
+        """Delete what is too old or too much; what a webhook has yet to take of that is a dead letter from then on.
+
+        The alert of a dead letter is held as long as that.
+        """
         with Session(self._engine) as session, session.begin():
-            session.execute(delete(AlertRow).where(AlertRow.sent < now - self._seconds))
-            newest = session.scalar(select(func.max(AlertRow.seq)))
-            if newest is not None:
-                session.execute(delete(AlertRow).where(AlertRow.seq <= newest - self._most))
+            newest = session.scalar(select(func.max(AlertRow.seq))) or 0
+            gone = or_(AlertRow.sent < now - self._seconds, AlertRow.seq <= newest - self._most)
+            waiting = DeliveryRow.dead.is_(False) & DeliveryRow.alert.in_(select(AlertRow.seq).where(gone))
+            session.execute(update(DeliveryRow).where(waiting).values(dead=True, due=now, reason=FORGOTTEN))
+            sent = ~exists().where(DeliveryRow.alert == AlertRow.seq)
+            session.execute(delete(AlertRow).where(gone, sent).execution_options(synchronize_session=False))
 
 
 def _matching(wanted: Wanted) -> Select[AlertRow]:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
+import time
 from collections.abc import Callable, Iterable
 
 from fastapi import APIRouter
+from sqlalchemy.exc import SQLAlchemyError
 
 from services.api.alerts.alert_desk import AlertDesk
 from services.api.alerts.alert_routes import alert_routes
 from services.api.alerts.database import SCHEMA, migrate, open_alerts
+from services.api.alerts.event_numbers import EventNumbers
+from services.api.alerts.host_lookup import HostLookup
 from services.api.alerts.inbox import AlertInbox
 from services.api.alerts.past_alerts import PastAlerts
-from services.api.alerts.receiver_address import Resolve, resolve
 from services.api.alerts.webhook_routes import webhook_routes
 from services.api.alerts.webhook_sender import Patience, WebhookSender
 from services.api.alerts.webhook_store import WebhookStore
@@ -24,6 +28,8 @@ from shared.site import Site
 __all__ = ["AlertOffice"]
 
 DAY = 86400.0
+LOOKED_UP_BY_STAFF = 8
+"""Names of hosts at once, of webhooks that are being made; what is sent looks up its own."""
 
 
 class AlertOffice:
@@ -35,7 +41,6 @@ class AlertOffice:
         told: called with None when the database takes what it is given, else with why not.
         erased: called with a device that is out of all alerts.
         without: returns a text without the ids of erased devices.
-        resolve: a host's name and port → its addresses.
 
     Raises:
         ServiceError: the database cannot be used.
@@ -48,7 +53,6 @@ class AlertOffice:
         told: Callable[[str | None], None],
         erased: Callable[[str], None],
         without: Callable[[str], str] = str,
-        resolve: Resolve = resolve,
     ) -> None:
         url = settings.api_database_url.get_secret_value()
         if settings.profile == "demo":
@@ -58,8 +62,8 @@ class AlertOffice:
         problem = SCHEMA.problem(self._engine)
         if problem is not None:
             raise ServiceError(problem)
+        self._numbers = EventNumbers(self._engine, time.time())
         self._allowed = settings.webhook_networks
-        self._resolve = resolve
         self._webhooks = WebhookStore(
             self._engine, settings.webhooks_most, settings.webhook_waiting, settings.webhook_dead_days * DAY
         )
@@ -70,9 +74,20 @@ class AlertOffice:
             settings.webhook_first_pause,
             settings.webhook_longest_pause,
         )
-        self._sender = WebhookSender(self._webhooks, site.site, patience, self._allowed, resolve)
+        lookup = HostLookup(settings.webhooks_most + 1)
+        self._sender = WebhookSender(self._webhooks, site.site, patience, self._allowed, lookup)
         self.desk = AlertDesk(self._engine, self._inbox, told, self._sender.wake, erased, without)
         self.desk.remember()
+
+    @property
+    def first_event(self) -> int:
+        """The id of the first event of this process."""
+        return self._numbers.first
+
+    def keep(self, newest: int) -> None:
+        """Have ids of events in reserve, ``newest`` having been told; called about once a second, in any thread."""
+        with contextlib.suppress(SQLAlchemyError):  # it says elsewhere that the database is away, and half are left
+            self._numbers.keep(newest)
 
     @property
     def past(self) -> PastAlerts:
@@ -83,7 +98,9 @@ class AlertOffice:
         """Return the routes of alerts and webhooks; ``zones``: the ids of those that hold now."""
         return [
             alert_routes(self._site, zones, self._engine, self._inbox, hub),
-            webhook_routes(self._engine, self._webhooks, self._sender.wake, self._allowed, self._resolve),
+            webhook_routes(
+                self._engine, self._webhooks, self._sender.wake, self._allowed, HostLookup(LOOKED_UP_BY_STAFF)
+            ),
         ]
 
     def threads(self, stopping: threading.Event) -> list[threading.Thread]:

@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
-import socket
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from typing import Any
 from urllib.parse import urlsplit
 
 import httpcore
 
-__all__ = ["AddressError", "CheckedNetwork", "Network", "Resolve", "check_url", "is_refused", "resolve"]
+__all__ = ["AddressError", "CheckedNetwork", "Network", "Resolve", "check_url", "is_refused"]
 
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 Resolve = Callable[[str, int], Awaitable[list[str]]]
 """A host's name and a port → its addresses."""
 
-RESOLVE_PATIENCE = 5.0
-"""Seconds."""
 _NAT64 = ipaddress.IPv6Network("64:ff9b::/96")
 
 
@@ -46,18 +43,7 @@ def is_refused(address: str, allowed: Sequence[Network]) -> bool:
     return not judged.is_global or judged.is_multicast or judged.is_reserved or site_local
 
 
-async def resolve(host: str, port: int) -> list[str]:
-    """Return the addresses of a host.
-
-    Raises:
-        OSError: its name is not known, or nobody answers.
-    """
-    async with asyncio.timeout(RESOLVE_PATIENCE):
-        found = await asyncio.get_running_loop().getaddrinfo(host, port, type=socket.SOCK_STREAM)
-    return list(dict.fromkeys(str(entry[4][0]) for entry in found))
-
-
-async def check_url(url: str, allowed: Sequence[Network], resolve: Resolve = resolve) -> None:
+async def check_url(url: str, allowed: Sequence[Network], resolve: Resolve) -> None:
     """Refuse a URL to which no webhook may be sent.
 
     Raises:
@@ -94,7 +80,7 @@ class CheckedNetwork(httpcore.AsyncNetworkBackend):
         resolve: a host's name and port → its addresses.
     """
 
-    def __init__(self, allowed: Sequence[Network], resolve: Resolve = resolve) -> None:
+    def __init__(self, allowed: Sequence[Network], resolve: Resolve) -> None:
         self._allowed = allowed
         self._resolve = resolve
         self._network = httpcore.AnyIOBackend()

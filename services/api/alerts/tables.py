@@ -5,7 +5,7 @@ from __future__ import annotations
 from sqlalchemy import BigInteger, Float, ForeignKey, Index, LargeBinary, String, Text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-__all__ = ["LONGEST_ID", "LONGEST_REASON", "AlertRow", "Base", "DeliveryRow", "WebhookRow"]
+__all__ = ["LONGEST_ID", "LONGEST_REASON", "AlertRow", "Base", "DeliveryRow", "EventNumberRow", "WebhookRow"]
 
 LONGEST_ID = 200
 LONGEST_REASON = 300
@@ -78,3 +78,12 @@ class DeliveryRow(Base):
     """Wall clock of the next attempt; of a dead one, when it died."""
     reason: Mapped[str] = mapped_column(String(LONGEST_REASON), default="")
     """Why the last attempt failed."""
+
+
+class EventNumberRow(Base):
+    """Up to which id events may have been told; one row."""
+
+    __tablename__ = "api_event_numbers"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    reserved: Mapped[int] = mapped_column(BigInteger)

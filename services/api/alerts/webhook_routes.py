@@ -27,7 +27,7 @@ from services.api.auth import needs
 from services.api.database_away import database_away
 from services.api.openapi import GONE, created, documented, errors
 from services.api.problems import Problem, ProblemError, unknown
-from services.api.request_body import described, invalid, read_body, read_object
+from services.api.request_body import described, invalid, read_struct
 from services.api.seen import ALL, saw
 from shared.keys import is_identifier
 
@@ -68,7 +68,7 @@ def webhook_routes(
 
     async def defined(request: Request) -> WebhookDefinition:
         needs(request.state.holder, "positions")  # messages name phones
-        definition = read_object(await read_body(request, LARGEST), WebhookDefinition, _ALLOWED)
+        definition = await read_struct(request, WebhookDefinition, LARGEST, _ALLOWED)
         try:
             await check_url(definition.url, allowed, resolve)
         except AddressError as error:

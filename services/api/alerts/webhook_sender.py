@@ -23,7 +23,7 @@ import structlog
 from prometheus_client import Counter, Gauge, Histogram
 from sqlalchemy.exc import SQLAlchemyError
 
-from services.api.alerts.receiver_address import CheckedNetwork, Network, Resolve, resolve
+from services.api.alerts.receiver_address import CheckedNetwork, Network, Resolve
 from services.api.alerts.signature import signed_headers
 from services.api.alerts.webhook_replies import WebhookMessage
 from services.api.alerts.webhook_store import Due, WebhookStore
@@ -90,7 +90,7 @@ class WebhookSender:
         site: str,
         patience: Patience,
         allowed: Sequence[Network],
-        resolve: Resolve = resolve,
+        resolve: Resolve,
     ) -> None:
         self._store = store
         self._site = site

@@ -44,7 +44,8 @@ class WebhookStore:
     Args:
         engine: an open database with the tables.
         most: webhooks at once.
-        most_waiting: alerts that wait for one webhook; while more come the new ones are dead at once.
+        most_waiting: alerts that wait for one webhook; while more come the new ones are dead at once. As many dead
+            letters are kept.
         dead_seconds: how long dead letters are kept.
     """
 
@@ -53,7 +54,10 @@ class WebhookStore:
         self._most, self._most_waiting, self._dead_seconds = most, most_waiting, dead_seconds
 
     def enqueue(self, session: Session, alerts: Sequence[AlertRow]) -> None:
-        """Write down, in the transaction that writes the alerts, whom they are to be sent to."""
+        """Write down, in the transaction that writes the alerts, whom they are to be sent to.
+
+        What is written after a webhook was made is news to it; clocks, which may be set back, are not asked.
+        """
         if not alerts:
             return
         now = time.time()
@@ -61,10 +65,7 @@ class WebhookStore:
             kinds, zones = msgspec.json.decode(webhook.kinds), msgspec.json.decode(webhook.zones)
             room = self._most_waiting - _count(session, webhook.id, dead=False)
             for alert in alerts:
-                # What caches tell of the time before a webhook was made is no news.
-                if alert.sent < webhook.created or (kinds and alert.kind not in kinds):
-                    continue
-                if zones and alert.zone not in zones:
+                if (kinds and alert.kind not in kinds) or (zones and alert.zone not in zones):
                     continue
                 dead = room <= 0
                 room -= 1
@@ -157,7 +158,7 @@ class WebhookStore:
             ]
 
     def replay(self, webhook: str, letter: int | None, now: float) -> int:
-        """Send dead letters again, all of them or one; return how many.
+        """Send dead letters again, one or all, oldest first, as many as may still wait; return how many.
 
         Raises:
             KeyError: there is no such webhook.
@@ -167,8 +168,10 @@ class WebhookStore:
             which = [DeliveryRow.webhook == webhook, DeliveryRow.dead]
             if letter is not None:
                 which.append(DeliveryRow.id == letter)
-            found = list(session.scalars(select(DeliveryRow.id).where(*which)))
-            session.execute(update(DeliveryRow).where(*which).values(dead=False, attempts=0, due=now))
+            room = max(0, self._most_waiting - _count(session, webhook, dead=False))
+            found = list(session.scalars(select(DeliveryRow).where(*which).order_by(DeliveryRow.id).limit(room)))
+            for row in found:
+                row.dead, row.attempts, row.due = False, 0, now
             return len(found)
 
     # -- what the sender does --------------------------------------------------------------------------------------
@@ -238,9 +241,15 @@ class WebhookStore:
             )
 
     def forget(self, now: float) -> None:
-        """Delete dead letters that are too old."""
+        """Delete dead letters that are too old, and of each webhook those beyond as many as may wait for it."""
         with Session(self._engine) as session, session.begin():
             session.execute(delete(DeliveryRow).where(DeliveryRow.dead, DeliveryRow.due < now - self._dead_seconds))
+            for webhook in session.scalars(select(WebhookRow.id)).all():
+                dead = select(DeliveryRow.id).where(DeliveryRow.webhook == webhook, DeliveryRow.dead)
+                first = session.scalar(dead.order_by(DeliveryRow.id.desc()).offset(self._most_waiting).limit(1))
+                if first is not None:
+                    which = (DeliveryRow.webhook == webhook, DeliveryRow.dead, DeliveryRow.id <= first)
+                    session.execute(delete(DeliveryRow).where(*which))
 
 
 def _columns(definition: WebhookDefinition) -> dict[str, Any]:

@@ -2,13 +2,13 @@
 
 import { bounds, paintPlan, paintWalls } from "./painting.js";
 import { Picker } from "./picker.js";
-import { appeared, ask, button, mark, numberInput } from "./setup-common.js";
+import { appeared, ask, button, mark, numberInput, withoutWhatIsLacking } from "./setup-common.js";
 
 const PLACED = "#4b44a0";
 const CHANGED = "#b8500a";
 const HEIGHT = 2.5; // metres, for a first guess
 
-const page = await appeared(["points-floor", "points-plan", "points-say", "points-list", "points-save"]);
+const page = await appeared(["points-floor", "points-plan", "points-say", "points-list", "points-save", "points-lacking"]);
 const state = { site: null, floor: null, points: [], saved: new Map(), chosen: null };
 
 const plan = new Picker(page["points-plan"], {
@@ -112,6 +112,7 @@ page["points-save"].addEventListener("click", save);
 page["points-floor"].addEventListener("change", (event) => go(event.target.value));
 window.accessPoints = { state, plan }; // for tests
 
+withoutWhatIsLacking(page["points-lacking"], ["setup", "save places of access points", page["points-save"]]);
 try {
   state.site = await (await ask("site")).json();
   await load();

@@ -44,7 +44,7 @@ export async function ask(path, { method = "GET", body = undefined, signal = und
   return document;
 }
 
-// What the dashboard's key may not do here, in words for people; null where it may, or where that is not known.
+// What whoever looks may not do here, in words for people; null where they may, or where that is not known.
 export async function lacking(scope, what) {
   let told;
   try {
@@ -53,7 +53,8 @@ export async function lacking(scope, what) {
     return null; // then the refusal of the change itself will say why
   }
   if (told.scopes.includes(scope)) return null;
-  return `You can look, but not ${what} here: this dashboard's key (ATRIUM_API_KEY) lacks the scope ${scope}.`;
+  const who = told.role === null ? "this dashboard's key (ATRIUM_API_KEY) lacks" : `you are signed in as ${told.name} (${told.role}), who lacks`;
+  return `You can look, but not ${what} here: ${who} the scope ${scope}.`;
 }
 
 function wordsOf(status, problem) {

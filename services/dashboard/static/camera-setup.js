@@ -2,7 +2,7 @@
 
 import { bounds } from "./painting.js";
 import { Picker } from "./picker.js";
-import { appeared, ask, button, metres, numberInput, shownNumber } from "./setup-common.js";
+import { appeared, ask, button, metres, numberInput, shownNumber, withoutWhatIsLacking } from "./setup-common.js";
 import { known, paintPicture, paintPlaces, UNIT } from "./setup-painting.js";
 
 const TRY_AFTER_MS = 250;
@@ -11,6 +11,7 @@ const USED_WITHIN_S = 20;
 const page = await appeared([
   "setup-camera", "setup-still", "setup-file", "setup-mode", "setup-image", "setup-plan", "setup-say", "setup-told",
   "setup-pairs", "setup-interest", "setup-whole", "setup-undo", "setup-save", "setup-lens", "setup-rectangle", "setup-board",
+  "setup-lacking",
 ]);
 const state = { site: null, camera: null, floor: null, image: null, size: null, pairs: [], interest: [], trial: null, lens: true, wanted: 0 };
 let waiting = null;
@@ -311,6 +312,8 @@ for (const kind of ["pointermove", "pointerleave"]) {
 
 window.cameraSetup = { state, image, plan }; // for tests
 
+withoutWhatIsLacking(page["setup-lacking"], ["stills", "take a camera's picture", page["setup-still"]],
+  ["setup", "save a calibration", page["setup-save"]]);
 try {
   state.site = await (await ask("site")).json();
   if (state.site.cameras.length === 0) say("This site has no camera: write one into the site file first (docs/camera-setup.md).", true);

@@ -1,5 +1,7 @@
 // What both set-up pages need: the elements NiceGUI builds, the API through the dashboard, marks on a canvas.
 
+import { lacking } from "./ask.js";
+
 export async function appeared(ids) {
   const found = {};
   while (true) {
@@ -23,6 +25,17 @@ export async function ask(path, body) {
     // no words: keep ours
   }
   throw new Error(words.charAt(0).toUpperCase() + words.slice(1));
+}
+
+// Say in `place` which of these whoever looks may not do, and take its button away: [scope, what it is, button].
+export async function withoutWhatIsLacking(place, ...orders) {
+  for (const [scope, what, button] of orders) {
+    const words = await lacking(scope, what);
+    if (words === null) continue;
+    button.hidden = true;
+    place.hidden = false;
+    place.textContent = `${place.textContent} ${words}`.trim();
+  }
 }
 
 export function metres(value) {

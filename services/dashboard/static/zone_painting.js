@@ -23,6 +23,8 @@ export function paintLit(context, view, zone, since, now) {
   return light > 0;
 }
 
+const LONGEST_NAME = 40; // letters on the plan
+
 export function nameZone(context, view, zone, colour = "#1d5d57") {
   const corners = cornersOf(zone);
   const left = Math.min(...corners.map(([x]) => x));
@@ -31,7 +33,8 @@ export function nameZone(context, view, zone, colour = "#1d5d57") {
   const isLine = zone.shape === "line";
   if (!isLine && extent(corners) * view.scale < 40) return;
   const count = zone.inside === undefined || isLine ? "" : ` · ${zone.inside}`;
-  text(context, `${zone.name || zone.id}${count}`, x + 7, isLine ? y - 9 : y + 12, 12, colour, "left", 600, true);
+  const name = zone.name || zone.id;
+  text(context, `${name.length > LONGEST_NAME ? `${name.slice(0, LONGEST_NAME)}…` : name}${count}`, x + 7, isLine ? y - 9 : y + 12, 12, colour, "left", 600, true);
 }
 
 function paintZone(context, view, zone, light) {

@@ -41,8 +41,8 @@ LONGEST_LEAP = 7 * 86400.0
 """Seconds a clock may run ahead between two frames; a broken one does not wipe everything out."""
 LEAST_LOOKED = 60.0
 """Seconds a cell must have been looked at before anything is told of it."""
-WALKED = 0.25
-"""Visits, faded, from which a cell counts as walked on lately."""
+FEWEST = 5.0
+"""Visits, faded, from which a cell is told of: of fewer it could be found out whose they were."""
 
 
 class AreaMaps:
@@ -177,11 +177,12 @@ class AreaMaps:
         self._visits, self._magnetic = visits, magnetic
 
     def _visits_per_hour(self) -> Array:
-        known = self._looked >= LEAST_LOOKED
-        return np.where(known, 3600.0 * self._visits.visits / np.where(known, self._looked, 1.0), np.nan)
+        visits = self._visits.visits
+        known = (self._looked >= LEAST_LOOKED) & ((visits == 0.0) | (visits >= FEWEST))
+        return np.where(known, 3600.0 * visits / np.where(known, self._looked, 1.0), np.nan)
 
     def _occlusion(self) -> Array:
-        walked = np.where(self._visits.visits >= WALKED, 0.0, np.nan)
+        walked = np.where(self._visits.visits >= FEWEST, 0.0, np.nan)
         return np.where(self.blocked(), 1.0, walked)
 
 

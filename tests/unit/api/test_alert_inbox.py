@@ -1,5 +1,6 @@
 """Alerts and webhooks as rows, on SQLite and on a real PostgreSQL."""
 
+import contextlib
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +13,8 @@ from test_api_state import alert
 
 from services.api.alerts.alert_desk import AlertDesk
 from services.api.alerts.database import SCHEMA, migrate, open_alerts
-from services.api.alerts.inbox import AcknowledgedError, AlertInbox, Told, Wanted
+from services.api.alerts.event_numbers import BLOCK, EventNumbers
+from services.api.alerts.inbox import FORGOTTEN, AcknowledgedError, AlertInbox, Told, Wanted
 from services.api.alerts.webhook_replies import WebhookDefinition
 from services.api.alerts.webhook_store import TooManyError, WebhookStore
 from services.api.pseudonyms import Pseudonyms
@@ -39,7 +41,7 @@ def engine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Engine]:
     opened = open_alerts(url)
     assert SCHEMA.problem(opened) is None
     with opened.begin() as connection:
-        for table in ("deliveries", "webhooks", "alerts"):
+        for table in ("deliveries", "webhooks", "alerts", "event_numbers"):
             connection.execute(text(f"DELETE FROM api_{table}"))
     yield opened
     opened.dispose()
@@ -112,6 +114,26 @@ def test_the_first_who_acknowledges_counts(engine: Engine) -> None:
     assert inbox.one("a-1").acknowledged == seen
 
 
+def test_of_many_who_acknowledge_at_once_one_is_told_that_they_were_first(engine: Engine) -> None:
+    inbox = inbox_of(engine, *[alert(n) for n in range(10)])
+    together = threading.Barrier(6)
+
+    def acknowledge(who: str, first: list[str]) -> None:
+        together.wait()
+        for number in range(10):
+            with contextlib.suppress(AcknowledgedError):
+                inbox.acknowledge(f"a-{number}", who, "", 50.0)
+                first.append(f"a-{number} {who}")
+
+    first: list[str] = []
+    guards = [threading.Thread(target=acknowledge, args=(f"guard {n}", first)) for n in range(6)]
+    for guard in guards:
+        guard.start()
+    for guard in guards:
+        guard.join()
+    assert sorted(first) == [f"a-{n} {inbox.one(f'a-{n}').acknowledged.by}" for n in range(10)]  # type: ignore[union-attr]
+
+
 def test_what_is_too_old_or_too_much_is_deleted(engine: Engine) -> None:
     inbox = inbox_of(engine, *[alert(n) for n in range(6)], most=3)
     inbox.forget(now=102.5)
@@ -179,12 +201,14 @@ def test_while_the_database_is_away_alerts_wait_in_order(tmp_path: Path) -> None
 def test_a_webhook_gets_what_it_asked_for_and_what_failed_waits_or_dies(engine: Engine) -> None:
     store = WebhookStore(engine, 2, 10, 100.0)
     inbox = AlertInbox(engine, 100, 1e12, store.enqueue)
-    every = store.create(WebhookDefinition(url="https://host/every"), "office", 5.0)
+    inbox.add([told(alert(4))])
+    # The clock is set back after that: what counts is the order in which things were written.
+    every = store.create(WebhookDefinition(url="https://host/every"), "office", 1e9)
     some = store.create(WebhookDefinition(url="https://host/some", kinds=["exit"], zones=["nave"]), "office", 5.0)
     with pytest.raises(TooManyError, match="there are 2 webhooks"):
         store.create(WebhookDefinition(url="https://host/"), "office", 5.0)
     left = msgspec.structs.replace(alert(8, "nave"), kind="exit")
-    inbox.add([told(alert(4)), told(alert(6)), told(alert(7, "nave")), told(left)])
+    inbox.add([told(alert(6)), told(alert(7, "nave")), told(left)])
     inbox.add([told(alert(6))])
     due = store.due(1e12, {}, 9, set())
     assert [(each.url[-5:], each.alert.id) for each in due] == [
@@ -229,6 +253,43 @@ def test_what_waits_for_a_receiver_that_is_away_has_a_bound(engine: Engine) -> N
     assert [letter.reason for letter in store.dead(hook.id, 0, 9)] == ["more than 3 alerts were waiting"] * 2
     store.forget(now=1e12)
     assert store.one(hook.id).dead == 0
+
+
+def test_what_waits_is_a_dead_letter_once_the_inbox_forgets_it_and_goes_out_again_as_room_allows(
+    engine: Engine,
+) -> None:
+    store = WebhookStore(engine, 2, 4, 100.0)
+    inbox = AlertInbox(engine, 2, 1e12, store.enqueue)
+    hook = store.create(WebhookDefinition(url="https://host/"), "office", 0.0)
+    for numbers in (range(4), range(4, 5)):
+        inbox.add([told(alert(n)) for n in numbers])
+        inbox.forget(now=50.0)
+    assert [letter.alert.id for letter in store.dead(hook.id, 0, 9)] == ["a-0", "a-1", "a-2"]
+    assert {letter.reason for letter in store.dead(hook.id, 0, 9)} == {FORGOTTEN}
+    assert store.replay(hook.id, None, 60.0) == 2, "four may wait"
+    assert [due.alert.id for due in store.due(60.0, {}, 9, set())] == ["a-0", "a-1"]
+    assert store.replay(hook.id, store.dead(hook.id, 0, 1)[0].id, 60.0) == 0
+    inbox.add([told(alert(n)) for n in range(5, 11)])
+    store.forget(now=100.0)
+    assert [letter.alert.id for letter in store.dead(hook.id, 0, 9)] == [f"a-{n}" for n in range(7, 11)]
+    store.forget(now=1e12)
+    assert store.one(hook.id).dead == 0
+    for due in store.due(1e13, {}, 9, set()):
+        store.delivered(due, 1e13)
+    inbox.forget(now=50.0)
+    assert ids(inbox.newest(ANY, 9)) == ["a-10", "a-9"], "an alert that nothing waits for goes"
+
+
+def test_no_event_has_an_id_that_one_before_had_whatever_the_clock_says(engine: Engine) -> None:
+    inbox_of(engine, alert(10))
+    assert EventNumbers(engine, 0.0).first == 101, "above what an older version told"
+    numbers = EventNumbers(engine, 2e6)
+    assert numbers.first == int(2e12)
+    numbers.keep(numbers.first + 7)
+    assert EventNumbers(engine, 1e6).first > numbers.first + 7
+    busy = EventNumbers(engine, 1e6)
+    busy.keep(busy.first + BLOCK - 1)
+    assert EventNumbers(engine, 1e6).first > busy.first + BLOCK
 
 
 def test_the_api_has_its_tables_where_its_setting_says_and_says_so_when_it_has_not(

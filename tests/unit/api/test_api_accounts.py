@@ -1,5 +1,6 @@
 """Who may come in beside the keys of the settings, how often, and what is written down about it."""
 
+import asyncio
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -181,6 +182,20 @@ def test_guessing_is_slowed_down_for_the_name_and_for_the_address(here: Api, mon
     assert len(noted) == 100, "what was not tried is not written down"
 
 
+def test_a_stranger_who_guesses_does_not_lock_out_whose_name_it_is(here: Api) -> None:
+    sign_in(here)
+
+    def attempt(password: str, client: str, **headers: str) -> int:
+        shown = DEMO | {"X-Atrium-Client": client} | headers
+        return here.client.post("/v1/session", json={"user": "maria", "password": password}, headers=shown).status_code
+
+    assert [attempt("wrong", "198.51.100.7") for _ in range(12)] == [401] * 10 + [429] * 2
+    assert attempt(PASSWORD, "198.51.100.7") == 429
+    assert attempt(PASSWORD, "browser of maria") == 200
+    forged = [attempt("wrong", f"203.0.113.{n}", Authorization="Bearer no-key") for n in range(11)]
+    assert forged == [401] * 10 + [429], "only the dashboard is believed for whom it asks"
+
+
 def test_only_so_many_sign_ins_of_one_person_are_kept(here: Api) -> None:
     here.admin.accounts.let_in("maria", "viewer", PASSWORD)
     tokens = [here.admin.accounts.sign_in("maria", "viewer").token for _ in range(MOST_SESSIONS + 2)]
@@ -277,19 +292,20 @@ def test_an_erased_phone_is_another_name_in_log_and_rules_and_stays_one(here: Ap
     zone = ZONE | {"rules": rules}
     path = here.client.post("/v1/zones", json=zone).headers["Location"]
     assert here.client.put(path, json=zone | {"name": "After"}).status_code == 200
-    for look_up in ("/phone-1", "/phone-12", "/phone-1/exhibits", "?limit=1", "?cursor=phone-1"):
-        assert here.client.get(f"/v1/positions{look_up}").status_code == 200
+    look_ups = ("positions/phone-1", "positions/phone-12", "positions/phone-1/exhibits")
+    for look_up in (*look_ups, "alerts?device=phone-1", "alerts?device=phone-12"):
+        assert here.client.get(f"/v1/{look_up}").status_code == 200
     assert here.admin.keep() is None
     here.client.get("/v1/positions/phone-1")
     here.pseudonyms.add("phone-1")
     here.admin.erase("phone-1")
     assert here.admin.keep() is None
     assert here.erased == [], "the map still shows the rules as they were"
-    here.admin.follow_zones()
+    asyncio.run(here.admin.follow_zones())
     assert here.admin.keep() is None
     assert here.erased == ["phone-1"]
     here.client.put(path, json=zone | {"name": "Of a page that was open before"})
-    here.client.get("/v1/trajectories/phone-1")
+    here.client.get("/v1/alerts?device=phone-1")
     name = here.pseudonyms.of("phone-1")
     entries = here.client.get("/v1/audit").json()["entries"]
     assert sorted((entry["action"], entry["subject"], entry["times"]) for entry in entries) == sorted(
@@ -297,8 +313,8 @@ def test_an_erased_phone_is_another_name_in_log_and_rules_and_stays_one(here: Ap
             ("GET", "/v1/positions/phone-12", 1),
             ("GET", f"/v1/positions/{name}", 2),
             ("GET", f"/v1/positions/{name}/exhibits", 1),
-            ("GET", "/v1/positions?device=phone-12", 1),
-            ("GET", f"/v1/positions?device={name}", 1),
+            ("GET", "/v1/alerts?device=phone-12", 1),
+            ("GET", f"/v1/alerts?device={name}", 2),
             ("POST", path, 1),
             ("PUT", path, 1),
             ("PUT", path, 1),
@@ -396,3 +412,10 @@ def test_all_sign_ins_of_a_person_share_one_ration(tmp_path: Path, monkeypatch: 
 def test_the_demo_key_still_may_do_everything(here: Api) -> None:
     assert here.client.get("/v1/session", headers=DEMO).json()["role"] is None
     assert here.client.post("/v1/zones", json=ZONE).status_code == 201
+
+
+def test_placing_access_points_needs_to_read_the_site_and_to_set_it_up(tmp_path: Path) -> None:
+    with api(tmp_path) as here:
+        for scopes, status in ((["setup"], 403), (["site"], 403), (["setup", "site"], 422)):
+            shown = {"Authorization": f"Bearer {issue(here, scopes=scopes)['key']}"}
+            assert here.client.post("/v1/access-points", content=b"{}", headers=shown).status_code == status

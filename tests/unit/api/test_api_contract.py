@@ -111,7 +111,10 @@ def test_the_dashboards_key_may_do_what_its_pages_offer_unless_it_is_listed(proj
         scopes(api_proxies=["anywhere"])
 
 
-@pytest.mark.parametrize("keys", ["demo-api-key", "short-key", '["a-long-secret-key-1", "demo-api-key"]'])
+@pytest.mark.parametrize(
+    "keys",
+    ["demo-api-key", "short-key", "aaaaaaaaaaaaaaaa", "password-password", '["a-long-secret-key-1", "demo-api-key"]'],
+)
 def test_keys_that_anybody_could_guess_are_refused_outside_the_demo(
     keys: str, project: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,19 +1,27 @@
 """Filters, pages and tags of the reads: as one by one, none twice, none missed."""
 
 import math
+import re
 import time
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import numpy as np
 import pytest
 from api_app import Api, api, hall
+from fastapi import FastAPI, Query
+from fastapi.testclient import TestClient
 from hypothesis import given
 from hypothesis import strategies as st
+from starlette.testclient import WebSocketDenialResponse
 from waiting import wait_until
 
+from services.api.admin.geojson import GEOJSON
 from services.api.place_filter import Place
 from services.api.row_filters import Wanted, select
+from services.api.times import Time
 from services.api.zones_drawn import ZonesDrawn, zones_of
+from shared.site.geographic import PlanOnEarth
 
 PEOPLE = [("a", 10.0, 1.0), ("b", 10.0, 7.0), (None, 11.0, 1.0), ("c", 2.0, 11.0), (None, 3.0, 11.0)]
 ZONES = ZonesDrawn(zones_of(hall()))
@@ -157,8 +165,8 @@ def test_a_read_that_did_not_change_is_not_sent_again(here: Api) -> None:
     none = here.client.get("/v1/exhibits")
     held = {"If-None-Match": none.headers["ETag"]}
     assert here.client.get("/v1/exhibits", headers=held).status_code == 304
-    here.client.post("/v1/exhibits", json={"id": "vase", "floor": "ground", "x": 5.0, "y": 4.0})
-    assert [one["id"] for one in here.client.get("/v1/exhibits", headers=held).json()["exhibits"]] == ["vase"]
+    here.client.post("/v1/exhibits", json={"id": "bust", "floor": "ground", "x": 5.0, "y": 4.0})
+    assert "bust" in [one["id"] for one in here.client.get("/v1/exhibits", headers=held).json()["exhibits"]]
     first = here.client.get("/v1/positions")
     here.people(*PEOPLE)
     second = here.client.get("/v1/positions", headers={"If-None-Match": first.headers["ETag"]})
@@ -176,3 +184,80 @@ def test_what_one_origin_is_told_no_other_request_gets(tmp_path: Path) -> None:
         asked = {"Origin": "https://map.example.org", "Access-Control-Request-Method": "PUT", "Authorization": ""}
         allowed = here.client.options("/v1/zones/a", headers=asked | {"Access-Control-Request-Headers": "if-match"})
         assert allowed.status_code == 200
+
+
+def test_no_route_passes_over_a_parameter_it_does_not_know(here: Api) -> None:
+    paths = here.client.get("/openapi.json").json()["paths"]
+    for path, operations in paths.items():
+        for method in operations:
+            told = here.client.request(method, re.sub(r"{\w+}", "hall", path), params={"zones": "entrance"})
+            assert (told.status_code, told.json()["field"]) == (422, "zones"), (method, path)
+    told = here.client.get("/v1/alerts?kind=cross").json()
+    assert "kinds" in told["allowed"]
+    with (
+        pytest.raises(WebSocketDenialResponse) as refused,
+        here.client.websocket_connect("/v1/ws?kind=alert"),
+    ):
+        pass
+    assert refused.value.status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("1767225600.5", 1767225600.5),
+        ("2026-01-01T00:00:00Z", 1767225600.0),
+        ("2026-01-01T01:00:00.25%2B01:00", 1767225600.25),
+        ("2026-01-01T01:00:00+01:00", 1767225600.0),
+        ("2025-12-31 19:00:00-05:00", 1767225600.0),
+        ("2026-01-01T00:00:00", None),
+        ("2026-13-01T00:00:00Z", None),
+        ("0001-01-01T00:00:00%2B14:00", -62135647200.0),
+        ("2026-01-01", None),
+        ("nan", None),
+        ("yesterday", None),
+    ],
+)
+def test_times_are_seconds_or_rfc_3339(text: str, seconds: float | None) -> None:
+    app = FastAPI()
+
+    @app.get("/")
+    def told(since: Annotated[Time | None, Query()] = None) -> float | None:
+        return since
+
+    answer = TestClient(app).get(f"/?since={text}")
+    assert answer.json() == seconds if seconds is not None else answer.status_code == 422
+
+
+@pytest.mark.parametrize(("path", "name"), [("positions", "device"), ("tracks", "track")])
+def test_people_come_as_geojson_on_plan_or_earth(here: Api, path: str, name: str) -> None:
+    here.people(*PEOPLE)
+    rows = here.client.get(f"/v1/{path}?limit=1000").json()[path]
+    plan = here.client.get(f"/v1/{path}", headers={"Accept": GEOJSON})
+    assert plan.headers["Content-Type"] == GEOJSON
+    assert [point["geometry"]["coordinates"] for point in plan.json()["features"]] == [[r["x"], r["y"]] for r in rows]
+    told = here.client.get(f"/v1/{path}?format=geojson&crs=wgs84&limit=2").json()
+    assert told["next"] == here.client.get(f"/v1/{path}?limit=2").json()["next"] is not None
+    earth = PlanOnEarth.of(hall())
+    assert earth is not None
+    for point, row in zip(told["features"], rows, strict=False):
+        (place,) = earth.to_plan(np.array([point["geometry"]["coordinates"]]))
+        assert place.tolist() == pytest.approx([row["x"], row["y"]], abs=0.002)
+        assert point["properties"][name] == row[name]
+        assert point["properties"]["accuracy"] == row["accuracy"] == 0.1
+    assert here.client.get(f"/v1/{path}?crs=wgs84").json()["field"] == "crs"
+
+
+def test_one_device_comes_as_a_feature_and_zones_as_asked_by_format(here: Api) -> None:
+    here.people(*PEOPLE)
+    one = here.client.get("/v1/positions/a?format=geojson").json()
+    assert (one["type"], one["id"], one["geometry"]["coordinates"]) == ("Feature", "a", [10.0, 1.0])
+    assert here.client.get("/v1/zones?format=geojson").json()["type"] == "FeatureCollection"
+    as_json = here.client.get("/v1/zones?format=json", headers={"Accept": GEOJSON})
+    assert as_json.headers["Content-Type"] == "application/json"
+
+
+def test_wgs84_of_people_is_refused_where_nobody_knows_where_the_site_is(tmp_path: Path) -> None:
+    with api(tmp_path, hall(anchor=None)) as nowhere:
+        told = nowhere.client.get("/v1/positions?format=geojson&crs=wgs84")
+        assert (told.status_code, told.json()["field"]) == (422, "crs")

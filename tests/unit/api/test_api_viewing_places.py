@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from api_app import api
+from api_app import api, hall
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -67,7 +67,7 @@ def test_nobody_is_counted_at_two_exhibits_and_always_at_the_nearest(
 
 
 def test_the_api_knows_where_its_exhibits_are_looked_at_from(tmp_path: Path) -> None:
-    with api(tmp_path) as here:
+    with api(tmp_path, hall(exhibits=[])) as here:
         assert here.admin.viewing_places() == []
         here.client.post("/v1/exhibits", json={"id": "vase", "floor": "ground", "x": 5.0, "y": 4.0})
         (zone,) = here.admin.viewing_places()

@@ -1,9 +1,12 @@
 """Zones and exhibits as staff edit them: kept, told of, counted in; what means nothing is refused."""
 
 import json
+import math
+import time
 from pathlib import Path
 from typing import Any
 
+import httpx
 import msgspec
 import numpy as np
 import pytest
@@ -17,7 +20,8 @@ from services.api.admin.database import migrate, open_admin
 from services.api.admin.geojson import GEOJSON
 from services.api.admin.shapes import ZONE
 from services.api.problems import ProblemError
-from services.api.zones_drawn import ZonesDrawn
+from services.api.replies import ZoneReport
+from services.api.zones_drawn import People, ZonesDrawn
 from shared.site.geographic import PlanOnEarth
 from shared.site.site_file import Anchor
 from shared.zones import ZoneDefinition
@@ -213,7 +217,7 @@ def test_what_is_accepted_on_earth_is_the_zone_on_the_plan(points: list[tuple[fl
 
 
 def test_wgs84_is_refused_where_nobody_knows_where_the_site_is(tmp_path: Path) -> None:
-    with api(tmp_path) as here:
+    with api(tmp_path, hall(anchor=None)) as here:
         reply = here.client.get("/v1/zones?crs=wgs84", headers=AS_GEOJSON)
         assert (reply.status_code, reply.json()["field"]) == (422, "crs")
         assert here.client.get("/v1/zones?crs=wgs84").status_code == 422
@@ -226,9 +230,71 @@ def test_wgs84_is_refused_where_nobody_knows_where_the_site_is(tmp_path: Path) -
         assert (reply.status_code, reply.json()["field"]) == (422, "geometry.coordinates")
 
 
-def test_exhibits_are_kept_like_zones(tmp_path: Path) -> None:
+def test_all_zones_together_have_a_bound_and_as_many_hold_up_nobody(tmp_path: Path) -> None:
+    ring = [(10 + 2 * math.cos(n * math.tau / 1000), 6 + 2 * math.sin(n * math.tau / 1000)) for n in range(1000)]
+    with api(tmp_path, hall(zones=[])) as here:
+        big = [VAULT | {"id": f"z{n}", "points": ring} for n in range(99)]
+        definitions = msgspec.convert(big, list[ZoneDefinition])
+        here.admin.zones.add(definitions)
+        assert here.client.post("/v1/zones", json=VAULT).status_code == 201
+        refused = here.client.post("/v1/zones", json=big[0] | {"id": "one-more"})
+        assert (refused.status_code, refused.json()["field"]) == (422, "points")
+        assert "at most 100000" in refused.json()["allowed"]
+        assert here.client.put("/v1/zones/z7", json=big[7] | {"name": "as many"}).status_code == 200
+        here.people(*[(None, 6.0 + n / 100.0, 6.0) for n in range(800)])
+        began = time.process_time()
+        for n in range(10):
+            assert here.live.zones_json(n)
+        assert time.process_time() - began < 1.0, "0.2 s for ten; 3.3 s where shapes are written and searched anew"
+
+
+def test_coordinates_that_say_of_themselves_that_they_are_others_are_refused(tmp_path: Path) -> None:
+    def sent(here: Api, name: object, query: str = "") -> httpx.Response:
+        one = {**drawn["features"][0], "id": f"z-{len(query)}", "crs": {"type": "name", "properties": {"name": name}}}
+        return here.client.post(f"/v1/zones{query}", content=json.dumps(one), headers=AS_GEOJSON)
+
+    with api(tmp_path, hall(anchor=Anchor(latitude=48.8606, longitude=2.3376))) as here:
+        reply = here.client.get("/v1/zones", headers=AS_GEOJSON)
+        assert reply.headers["Vary"] == here.client.get("/v1/zones").headers["Vary"] == "Accept"
+        drawn = reply.json()
+        for name in ("urn:ogc:def:crs:EPSG::25832", "urn:ogc:def:crs:OGC:1.3:CRS84", 4326, None):
+            refused = sent(here, name)
+            assert (refused.status_code, refused.json()["field"]) == (422, "crs")
+        assert sent(here, "plan metres").status_code == 201
+        drawn = here.client.get("/v1/zones?crs=wgs84", headers=AS_GEOJSON).json()
+        assert sent(here, "plan metres", "?crs=wgs84").status_code == 422
+        assert sent(here, "urn:ogc:def:crs:OGC:1.3:CRS84", "?crs=wgs84").status_code == 201
+
+
+@pytest.mark.parametrize(
+    ("changes", "shape", "ids"),
+    [
+        ({"points": [[1, 1], [4, 4]], "rules": [{"kind": "cross"}]}, "line", ["cross"]),
+        (
+            {"points": [[1, 1], [4, 4], [4, 1]], "rules": [{"kind": "enter"}, {"kind": "exit"}]},
+            "area",
+            ["enter", "exit"],
+        ),
+        (
+            {"rules": [{"kind": "dwell", "limit": limit} for limit in (1, 2, 3)] + [{"id": "dwell", "kind": "enter"}]},
+            "area",
+            ["dwell-2", "dwell-3", "dwell-4", "dwell"],
+        ),
+    ],
+)
+def test_what_a_zone_need_not_say(changes: dict[str, Any], shape: str, ids: list[str]) -> None:
+    told = {name: value for name, value in VAULT.items() if name != "shape"} | changes
+    (zone,) = ZONE.read(json.dumps(told).encode(), FLOORS, geojson=False, earth=None)
+    assert (zone.shape, [rule.id for rule in zone.rules]) == (shape, ids)
+
+
+def test_exhibits_are_kept_like_zones_and_begin_with_the_site_files(tmp_path: Path) -> None:
     vase = {"id": "vase", "name": "Vase", "floor": "ground", "x": 5.0, "y": 4.0, "facing": 90.0}
     with api(tmp_path) as here:
+        beginning = [one["id"] for one in here.client.get("/v1/exhibits").json()["exhibits"]]
+        assert beginning == ["vase", "statue", "model", "cabinet", "globe"]
+        for name in beginning:
+            assert here.client.delete(f"/v1/exhibits/{name}").status_code == 204
         made = here.client.post("/v1/exhibits", json=vase)
         assert made.status_code == 201, made.text
         assert made.json() == vase | {"reach": 8.0, "etag": made.headers["ETag"]}
@@ -293,7 +359,11 @@ def test_people_are_counted_as_one_by_one(people: list[tuple[float, float]], see
     x, y = np.array(people, dtype=float).reshape(-1, 2).T
     unseen = generator.random(len(people)) < 0.3
     areas = {zone.id: shapely.Polygon(zone.points) for zone in zones if zone.shape == "area"}
-    for report, zone in zip(ZonesDrawn(zones).reports(floor, x, y, unseen), zones, strict=True):
+    everybody = People(floor, x, y, unseen)
+    drawn = ZonesDrawn(zones, ["inside", *['"inside":0,"unseen":0'] * 5])
+    reports = drawn.reports(everybody)
+    assert msgspec.json.decode(drawn.reports_json(everybody), type=list[ZoneReport]) == reports
+    for report, zone in zip(reports, zones, strict=True):
         inside = [
             zone.shape == "area" and floor[n] == zone.floor and areas[zone.id].intersects(shapely.Point(p))
             for n, p in enumerate(people)

@@ -5,14 +5,18 @@ import base64
 import hashlib
 import hmac
 import ipaddress
+import threading
 from collections.abc import Awaitable, Callable
 
 import httpcore
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from waiting import wait_until
 from webhook_receiver import receiver
 
+from services.api.alerts import host_lookup
+from services.api.alerts.host_lookup import HostLookup
 from services.api.alerts.receiver_address import AddressError, CheckedNetwork, check_url, is_refused
 from services.api.alerts.signature import new_secret, signed_headers
 from services.api.alerts.webhook_sender import Patience, pause_after
@@ -156,3 +160,37 @@ def test_pauses_double_up_to_a_bound_and_differ_by_chance(attempts: int, chance:
     pause = pause_after(attempts, patience, chance)
     middle = min(3600.0, 5.0 * 2.0 ** (attempts - 1)) if attempts < 60 else 3600.0
     assert 0.5 * middle <= pause <= 1.5 * middle
+
+
+def test_a_name_server_that_hangs_takes_one_thread_for_a_name_and_holds_up_no_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(host_lookup, "PATIENCE", 0.2)
+    answer, asked = threading.Event(), list[str]()
+
+    def system(host: str, _port: int) -> list[str]:
+        asked.append(host)
+        if host.startswith("hangs"):
+            answer.wait(20.0)
+        if host == "unknown":
+            raise OSError("no such name")
+        return [PUBLIC]
+
+    async def look_up() -> None:
+        lookup = HostLookup(3, system)
+        both = [lookup(host, 443) for host in ("hangs-1", "hangs-2") for _ in range(20)]
+        told = await asyncio.gather(*both, asyncio.to_thread(str, "storage"), lookup("host", 1), return_exceptions=True)
+        assert told[-2:] == ["storage", [PUBLIC]]
+        assert all(isinstance(each, TimeoutError) for each in told[:-2])
+        assert sorted(asked) == ["hangs-1", "hangs-2", "host"]
+        with pytest.raises(OSError, match="no such name"):
+            await lookup("unknown", 443)
+        with pytest.raises(TimeoutError):
+            await lookup("hangs-3", 443)
+        with pytest.raises(OSError, match="3 names are being looked up"):
+            await lookup("host", 443)
+        answer.set()
+        wait_until(lambda: not lookup._under_way, 10.0, "the lookups to end")
+        assert await lookup("hangs-1", 443) == [PUBLIC]
+
+    asyncio.run(look_up())

@@ -13,22 +13,23 @@ from standin_api import KEY, StandInApi, tracks
 from waiting import wait_until
 
 from services.dashboard.event_stream import EventReader
+from services.dashboard.sessions import Sessions, Visitor
 
 
 @contextmanager
-def browser(address: str) -> Iterator["Browser"]:
+def browser(address: str, session: str = "") -> Iterator["Browser"]:
     """A reader of /live on a connection of its own."""
-    watching = Browser(address)
+    watching = Browser(address, session)
     yield watching
     watching.close()
 
 
 class Browser:
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, session: str = "") -> None:
         self.raw = b""
         self.ended = threading.Event()
         self._heard: queue.Queue[tuple[str, Any]] = queue.Queue()
-        self._client = httpx.Client(timeout=20)
+        self._client = httpx.Client(timeout=20, cookies={"atrium_session": session})
         self._thread = threading.Thread(target=self._read, args=(address,), daemon=True)
         self._thread.start()
 
@@ -152,3 +153,25 @@ def test_stopping_ends_open_streams_at_once(ports: tuple[int, int], api: StandIn
         watching = Browser(address)
         watching.wait_for("connection", lambda news: news["connected"])
     assert watching.ended.wait(5)
+
+
+def test_what_a_role_may_not_see_never_reaches_its_browser(ports: tuple[int, int], api: StandInApi) -> None:
+    api.alerts = [{"id": "a-0", "device": "phone-of-ada"}]
+    sessions = Sessions("a long password", KEY, 1.0)
+    usher = sessions.begin(Visitor(KEY, "otto", "usher", frozenset({"site"})))
+    guard = sessions.begin(Visitor(KEY, "maria", "guard", frozenset({"site", "positions", "alerts"})))
+    with served(ports[1], api.url, sessions=sessions) as address:
+        wait_until(lambda: api.streams, 10, "the dashboard's stream")
+        with browser(address, usher) as one, browser(address, guard) as other:
+            for watching in (one, other):
+                watching.wait_for("connection", lambda news: news["connected"])
+            api.publish("tracks", tracks(track=[1], device=["phone-of-ada"]))
+            api.publish("alert", {"id": "a-1", "device": "phone-of-ada"})
+            api.publish("camera", {"camera": "last"})
+            for watching in (one, other):
+                watching.wait_for("cameras", lambda rows: [row["camera"] for row in rows] == ["last"])
+            assert [other.raw.count(f"event: {name}\n".encode()) for name in ("tracks", "alert", "alerts")] == [1, 1, 1]
+            assert b"phone-of-ada" not in one.raw
+            with browser(address, usher) as late:
+                late.wait_for("cameras")
+                assert b"phone-of-ada" not in late.raw

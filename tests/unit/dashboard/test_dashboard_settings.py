@@ -24,7 +24,6 @@ def test_the_demo_needs_no_secret(site_file: str) -> None:
     ("given", "missing"),
     [
         ([], "api_key"),
-        (["--api-key", "a key of my own"], "dashboard_password"),
         (["--dashboard-password", "a password of my own"], "api_key"),
     ],
 )
@@ -33,11 +32,16 @@ def test_production_refuses_demo_secrets(site_file: str, given: list[str], missi
         read_settings(DashboardSettings, ["--site-file", site_file, *given])
 
 
-def test_production_refuses_a_short_password(site_file: str) -> None:
-    given = ["--site-file", site_file, "--api-key", "a key of my own", "--dashboard-password", "short"]
-    settings = read_settings(DashboardSettings, given)
-    with pytest.raises(SettingsError, match="at least 8"):
-        DashboardService.check(settings, load_site(site_file))
+@pytest.mark.parametrize(("password", "words"), [("password", "at least 12"), ("password-123", "guessed first")])
+def test_production_refuses_a_weak_password_and_needs_none(site_file: str, password: str, words: str) -> None:
+    given = ["--site-file", site_file, "--api-key", "a key of my own house"]
+    with pytest.raises(SettingsError, match=words):
+        DashboardService.check(
+            read_settings(DashboardSettings, [*given, "--dashboard-password", password]), load_site(site_file)
+        )
+    DashboardService.check(read_settings(DashboardSettings, given), load_site(site_file))
+    with pytest.raises(SettingsError, match="ATRIUM_API_KEY"):
+        DashboardService.check(read_settings(DashboardSettings, [*given[:2], "--api-key", ""]), load_site(site_file))
 
 
 @pytest.mark.parametrize("url", ["localhost:8081", "ftp://host", "http://", "http://me:secret@host"])

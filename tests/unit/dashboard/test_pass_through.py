@@ -9,9 +9,11 @@ from conftest import unused_port
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
+from services.dashboard.guesses import AttemptLimit, KnownBrowsers
 from services.dashboard.pass_through import LARGEST_BODY, pass_through
-from services.dashboard.sessions import AttemptLimit, Sessions
+from services.dashboard.sessions import Sessions
 from services.dashboard.sign_in import add_sign_in
+from services.dashboard.staff_desk import StaffDesk
 from shared.site import load_site
 
 HERE = {"Sec-Fetch-Site": "same-origin"}
@@ -114,17 +116,16 @@ def test_an_api_that_is_away_is_told_in_words() -> None:
 
 
 def test_strangers_ask_nothing(api: tuple[str, Double]) -> None:
-    app = FastAPI()
-    app.include_router(pass_through(api[0], KEY))
-    add_sign_in(app, Sessions("a long password", KEY, 1.0), AttemptLimit())
-    with TestClient(app) as client:
+    with _client(api[0], KEY, "a long password") as client:
         before = len(api[1].asked)
         assert client.get("/ask/v1/zones").status_code == 401
         assert client.post("/ask/v1/zones", json=ZONE, headers=HERE).status_code == 401
         assert len(api[1].asked) == before
 
 
-def _client(api_url: str, key: str) -> TestClient:
+def _client(api_url: str, key: str, password: str = "") -> TestClient:
     app = FastAPI()
     app.include_router(pass_through(api_url, key))
+    sessions, browsers = Sessions(password, key, 1.0), KnownBrowsers(password, key)
+    add_sign_in(app, sessions, AttemptLimit(), browsers, StaffDesk(api_url, key))
     return TestClient(app)

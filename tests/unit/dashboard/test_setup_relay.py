@@ -12,12 +12,15 @@ from conftest import unused_port
 from fastapi import FastAPI
 from waiting import wait_until
 
-from services.dashboard.sessions import AttemptLimit, Sessions
+from services.dashboard.guesses import AttemptLimit, KnownBrowsers
+from services.dashboard.sessions import Sessions
 from services.dashboard.setup_relay import add_setup_relay
 from services.dashboard.sign_in import add_sign_in
+from services.dashboard.staff_desk import StaffDesk
 from shared.http_server import serve
 
 KEY = "the-key-of-the-dashboard"
+HERE = {"Sec-Fetch-Site": "same-origin"}
 
 
 class Api(BaseHTTPRequestHandler):
@@ -57,11 +60,12 @@ def api() -> Iterator[str]:
 def client(api: str, password: str = "") -> Iterator[httpx.Client]:
     app = FastAPI()
     add_setup_relay(app, api, KEY)
-    add_sign_in(app, Sessions(password, KEY, 1.0), AttemptLimit())
+    sessions, browsers = Sessions(password, KEY, 1.0), KnownBrowsers(password, KEY)
+    add_sign_in(app, sessions, AttemptLimit(), browsers, StaffDesk(api, KEY))
     port, stopping = unused_port(), threading.Event()
     thread = threading.Thread(target=serve, args=(app, "127.0.0.1", port, stopping), daemon=True)
     thread.start()
-    with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=10.0) as http:
+    with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=10.0, headers=HERE) as http:
         wait_until(lambda: _answers(http), 10, "the dashboard")
         yield http
     stopping.set()
@@ -109,6 +113,8 @@ def test_forms_of_other_sites_and_floods_are_refused(browser: httpx.Client) -> N
         "/setup/access-points", content=b" " * (1 << 20) + b"x", headers={"content-type": "application/json"}
     )
     assert flood.status_code == 413
+    elsewhere = {"Sec-Fetch-Site": "cross-site"}
+    assert browser.post("/setup/access-points", json={}, headers=elsewhere).status_code == 403
 
 
 def test_who_has_not_signed_in_gets_nothing(api: str) -> None:
