@@ -125,6 +125,7 @@ def _servers() -> Iterator[_Servers]:
             "HEALTH_PORT": str(health),
             "API_DATABASE_URL": f"sqlite:///{folder}/api.db",
             "LOG_LEVEL": "warning",
+            "STREAM_READERS_OF_ONE": "1000",  # all with the demo's key
         }
         environment = os.environ | {f"ATRIUM_{name}": value for name, value in settings.items()}
         stack.enter_context(_process([sys.executable, "-m", "services.api"], environment))

@@ -146,11 +146,12 @@ class Guard:
             else:
                 self._rations.spend(holder.account, 1.0 / holder.rate)
         connection.setdefault("state", {})["holder"] = holder
-        if problem is None and holder is not None:
-            self._note_use(holder)
-            await self._app(connection, receive, send)
+        if problem is not None:
+            await problem_response(problem, headers)(connection, receive, send)
             return
-        await problem_response(problem, headers)(connection, receive, send)
+        if holder is not None:
+            self._note_use(holder)
+        await self._app(connection, receive, send)
 
 
 def needs(holder: Holder, scope: Scope) -> None:

@@ -154,9 +154,9 @@ class AuditEntry(Reply, frozen=True, kw_only=True):
     """The path of the request, or of what it made."""
     status: int
     times: int
-    """How often within a minute, of look-ups."""
+    """How often within a minute, of look-ups; within an hour, of reads that name whomever there is."""
     detail: str
-    """What there was before."""
+    """What there was before; of a stream, that it opened or ended."""
 
 
 class AuditPage(Reply, frozen=True, kw_only=True):

@@ -159,7 +159,7 @@ class AuditLog:
             SQLAlchemyError: the database is away.
         """
         with self._lock:
-            self._open = {(self._plain(deed), *when): held for (deed, *when), held in self._open.items()}
+            self._open = {(self._plain(deed), span, number): held for (deed, span, number), held in self._open.items()}
         self.keep()
         named = select(AuditRow.id, AuditRow.subject, AuditRow.detail)
         if len(devices) <= FEW:

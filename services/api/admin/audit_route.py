@@ -38,7 +38,7 @@ def audit_route(audit: AuditLog, engine: Engine) -> APIRouter:
         ] = None,
         limit: Annotated[int, Query(ge=1, le=1000, description="at most this many")] = 100,
     ) -> Response:
-        """Every change, every look-up of one person and every picture of a camera, newest first."""
+        """Every change, look-up, picture of a camera and refused attempt, newest first."""
         for text in (who, action):
             if text is not None and not text.isprintable():
                 return _json(AuditPage(t=time.time(), entries=[], next=None))

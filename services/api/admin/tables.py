@@ -88,5 +88,5 @@ class AuditRow(Base):
     """The path of the request, or of what it made."""
     status: Mapped[int]
     times: Mapped[int]
-    """How often within a minute, of look-ups."""
+    """How often within a minute, of look-ups; within an hour, of reads that name whomever there is."""
     detail: Mapped[str] = mapped_column(Text)
