@@ -114,7 +114,7 @@ ZONE = Kind(
     "zone",
     ZoneDefinition,
     "a zone: id, floor, points, and name, shape, rules if wanted",
-    frozenset({"inside", "unseen", "etag", "polygon", "alert_on"}),
+    frozenset({"inside", "unseen", "blind", "etag", "polygon", "alert_on"}),
     _draw_zone,
     _undraw_zone,
     check_zone,
