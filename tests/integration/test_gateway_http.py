@@ -272,7 +272,7 @@ def test_staff_erase_a_phone_everywhere_for_a_visitor(
         zone = {"id": "vault", "floor": "ground", "points": [[1, 6], [4, 6], [4, 9]], "rules": [only]}
         assert staff.post("/v1/zones", json=zone).status_code == 201
         assert staff.put("/v1/zones/vault", json=zone | {"name": "After"}).status_code == 200
-        assert staff.get("/v1/tracks", params={"device": phone.device}).status_code == 200
+        assert staff.get("/v1/alerts", params={"device": phone.device}).status_code == 200
         assert staff.delete("/v1/devices/d-of-nobody").status_code == 404
         answer = staff.delete(f"/v1/devices/{phone.device}")
         assert (answer.status_code, answer.json()["device"]) == (202, phone.device)

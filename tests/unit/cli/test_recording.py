@@ -10,6 +10,7 @@ from mcap.reader import make_reader
 
 from services.cli.recording import Recording, RecordingError, RecordingWriter
 from services.cli.replay import play, verify
+from services.fusion.active_radio import ActiveRadio
 from services.fusion.area_view import AreaView
 from services.fusion.registry import make_tracker
 from services.fusion.tracker import Chunk
@@ -145,8 +146,8 @@ def test_verifying_compares_revisions_too(tmp_path: Path) -> None:
     (tmp_path / "site.yaml").write_text(SITE)
     site = load_site(tmp_path / "site.yaml")
     keys = Keys(site.site)
-    tracker = make_tracker("anonymous", AreaView.of(site, "hall"))
-    told = tracker.step(Chunk(15, 1.0, 16 / 15))
+    view = AreaView.of(site, "hall")
+    told = ActiveRadio(view).step(make_tracker("anonymous", view), Chunk(15, 1.0, 16 / 15))
     mark = ChunkMark(t=1.0, area="hall", chunk=15, t_start=1.0, t_end=16 / 15)
     for invented in (False, True):
         path = tmp_path / f"{invented}.mcap"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from fusion_world import World, make_site
 
+from services.fusion.active_radio import ActiveRadio
 from services.fusion.area_view import AreaView
 from services.fusion.evidence.tracker import AnonymousTracker
 from services.fusion.registry import TRACKERS, make_tracker
@@ -42,10 +43,11 @@ def test_a_recorded_chunk_is_the_chunk_that_was_consumed(site: Site) -> None:
 
 def test_from_the_start_and_from_the_middle_the_bytes_are_the_same(site: Site) -> None:
     chunks = World(site, seed=3, seconds=12.0).chunks()
-    tracker = make_tracker("evidence", AreaView.of(site, "hall"))
+    view = AreaView.of(site, "hall")
+    tracker, radio = make_tracker("evidence", view), ActiveRadio(view)
     live, state = [], b""
     for number, one in enumerate(chunks):
-        live.append(encode(tracker.step(one)))
+        live.append(encode(radio.step(tracker, one)))
         if number == 30:
             state = msgspec.json.encode(
                 StateAnswer(chunk=one.index, tracker="evidence", state=msgspec.Raw(tracker.state()))
