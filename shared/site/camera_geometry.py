@@ -12,8 +12,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import scipy  # its parts are loaded when they are used: all of them would take half of a process's start
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from shared.site.pose_fit import PATIENCE, fit_pose, focal_candidates, focal_guesses
 
@@ -239,7 +239,8 @@ class CameraGeometry:
             root = ElementTree.parse(path).getroot()  # noqa: S314 (a local calibration file named by the operator)
             geometry, intrinsic, extrinsic = (_numbers(root, tag) for tag in ("Geometry", "Intrinsic", "Extrinsic"))
             focal_mm = intrinsic["focal"]
-            rotation = Rotation.from_euler("xyz", [extrinsic["rx"], extrinsic["ry"], extrinsic["rz"]]).as_matrix()
+            angles = [extrinsic[axis] for axis in ("rx", "ry", "rz")]
+            rotation = scipy.spatial.transform.Rotation.from_euler("xyz", angles).as_matrix()
             return cls(
                 image_size=(int(geometry["width"]), int(geometry["height"])),
                 focal=(intrinsic["sx"] * focal_mm / geometry["dpx"], focal_mm / geometry["dpy"]),

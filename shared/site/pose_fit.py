@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 __all__ = ["PoseFit", "fit_pose", "focal_candidates", "focal_guesses", "homography"]
 
@@ -60,7 +59,7 @@ def fit_pose(
             pose = _pose_from_homography(homography(plan, image / focal))
             start = pose if fixed else np.concatenate([pose, [math.log(focal)]])
             known = focal if fixed else None
-            fit = least_squares(
+            fit = scipy.optimize.least_squares(
                 _reprojection, start, args=(plan, image, known), method="lm", x_scale="jac", max_nfev=patience
             )
         except (np.linalg.LinAlgError, ValueError):
@@ -70,7 +69,9 @@ def fit_pose(
     if best is None:
         return None
     cost, parameters, focal = best
-    return PoseFit(focal, Rotation.from_rotvec(parameters[:3]).as_matrix(), parameters[3:6], cost)
+    return PoseFit(
+        focal, scipy.spatial.transform.Rotation.from_rotvec(parameters[:3]).as_matrix(), parameters[3:6], cost
+    )
 
 
 def focal_candidates(width: int) -> list[float]:
@@ -126,14 +127,16 @@ def _pose_from_homography(found: Array) -> Array:
         u, _, vt = np.linalg.svd(np.stack([first, second, np.cross(first, second)], axis=1))
         rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
         height = (-rotation.T @ translation)[2]
-        poses.append((height, np.concatenate([Rotation.from_matrix(rotation).as_rotvec(), translation])))
+        poses.append(
+            (height, np.concatenate([scipy.spatial.transform.Rotation.from_matrix(rotation).as_rotvec(), translation]))
+        )
     # Of the two signs, one puts the points behind the camera; on a plan with z upwards the other hangs above the floor.
     return max(poses, key=lambda pose: pose[0])[1]
 
 
 def _reprojection(parameters: Array, plan: Array, image: Array, focal: float | None) -> Array:
     focal = math.exp(parameters[6]) if focal is None else focal
-    rotation = Rotation.from_rotvec(parameters[:3]).as_matrix()
+    rotation = scipy.spatial.transform.Rotation.from_rotvec(parameters[:3]).as_matrix()
     local = plan @ rotation[:, :2].T + parameters[3:6]
     # A wall at the lens: a point that slips behind the camera costs dearly, where its mirror image would fit.
     depth = np.maximum(local[:, 2:], 1e-3)

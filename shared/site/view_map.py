@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 import shapely
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from shared.site.floor_plan import FloorPlan
 from shared.site.site_file import Camera, Site
@@ -108,7 +108,7 @@ def _depth(mask: NDArray[np.bool_], cell: float) -> Array:
     if not mask.any():
         return np.full(mask.shape, -far)
     framed = np.pad(mask, 1)
-    inside = distance_transform_edt(framed)[1:-1, 1:-1]
-    outside = distance_transform_edt(~mask)
+    inside = scipy.ndimage.distance_transform_edt(framed)[1:-1, 1:-1]
+    outside = scipy.ndimage.distance_transform_edt(~mask)
     depth: Array = np.where(mask, inside - 0.5, 0.5 - outside) * cell
     return depth
