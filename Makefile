@@ -2,9 +2,11 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-JOBS ?= auto
+# Tests wait about a third of their time: one more than there are cores keeps them busy.
+JOBS ?= $(shell echo $$(( $$(nproc) + 1 )))
 # A file's tests stay together, for they share what is dear to set up; the long files come first.
-BESIDE := -n $(JOBS) --dist loadfile --no-loadscope-reorder
+TOGETHER := --dist loadfile --no-loadscope-reorder
+BESIDE := -n $(JOBS) $(TOGETHER)
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DEFAULT_GOAL := help
@@ -56,8 +58,9 @@ layers: setup-dev
 unit: setup-dev ## the quick tests only
 	$(BIN)/pytest $(BESIDE) tests/unit tests/contract
 
-test: setup-dev system-packages lint types layers ## set up and run every check and test, on JOBS=auto cores
-	$(BIN)/pytest $(BESIDE) -m 'not alone'
+test: setup-dev system-packages lint types layers ## set up and run every check and test, JOBS at a time
+	$(BIN)/pytest $(BESIDE) -m 'not alone and not paced'
+	$(BIN)/pytest -n 2 $(TOGETHER) -m paced
 	$(BIN)/pytest -m alone
 
 clean: ## remove the virtual environment and caches

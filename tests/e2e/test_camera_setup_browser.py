@@ -29,7 +29,7 @@ from shared.messages import CameraStatus
 from shared.site import load_site
 from shared.site.setup_file import setup_path
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.paced
 
 FRAME = 143
 """Of the clip, counted from 1: eight people stand all over it. A click counts where it is, whatever is shown there."""

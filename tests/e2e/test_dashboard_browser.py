@@ -29,7 +29,7 @@ from shared.bus import Bus, router
 from shared.keys import Keys
 from shared.messages import Alert, CameraStatus
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.paced
 
 API_KEY = "demo-api-key"
 PASSWORD = "a password for the test"

@@ -20,7 +20,7 @@ from zone_drawing import button, click_plan, move_to, on_screen, open_zones
 
 from shared.zones import ZoneDefinition
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.paced
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -29,7 +29,7 @@ from shared.bus import Bus, router
 from shared.learning_report import LearningReport
 from shared.site import load_site
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.paced
 
 KEYS = json.dumps([{"name": "office", "key": "the-key-of-the-office", "scopes": [*READ_SCOPES, "learning-admin"]}])
 
