@@ -9,7 +9,7 @@ from benchmarks.pets_truth import FRAMES, PetsTruth
 from benchmarks.pets_video import BARS, figures_of
 from benchmarks.result import read_figures
 
-pytestmark = pytest.mark.paced
+pytestmark = pytest.mark.alone
 
 # The tight gate is test_pets_offline.py. Live, time stamps differ in their last bits from run to run, and with them a
 # decision or two; identity rides on wall-clock timing as well. The tolerances are the spread of several runs.
