@@ -135,6 +135,8 @@ def run(kind: type[Service[S]], arguments: Sequence[str] | None = None) -> int:
         print(f"{kind.name}: {error}", file=sys.stderr)  # noqa: T201 (before logging exists)
         return 2
     setup_logging(settings.log_level, settings.log_format, kind.name)
+    gc.collect()
+    gc.freeze()  # what was imported stays: to look through it again and again for circles stops all threads meanwhile
     log.info("starting", **{key: str(value) for key, value in settings.shown().items()})
     return _live(kind, settings, site)
 
