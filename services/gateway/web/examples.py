@@ -13,6 +13,17 @@ from services.gateway.adapters.sensor_logger import SensorLoggerPush
 
 __all__ = ["EXAMPLES"]
 
+_POSITION: dict[str, Any] = {
+    "t": 1767225602.4,
+    "age": 0.2,
+    "area": "hall",
+    "floor": "ground",
+    "x": 7.31,
+    "y": 4.02,
+    "covariance": [0.04, 0.0, 0.05],
+    "probability": 0.93,
+    "zones": [{"id": "exhibit-1", "name": "The first exhibit"}],
+}
 _RECORD: dict[str, Any] = {
     "device": "d-3f0c5b1e9a7d4c26",
     "name": "",
@@ -24,17 +35,7 @@ _RECORD: dict[str, Any] = {
     "transmitters": 0,
     "waiting": 0,
     "trial_walks": {"peak": 1.2, "mean": 0.4, "slope": 0.31, "offset": 0.12},
-    "position": {
-        "t": 1767225602.4,
-        "age": 0.2,
-        "area": "hall",
-        "floor": "ground",
-        "x": 7.31,
-        "y": 4.02,
-        "covariance": [0.04, 0.0, 0.05],
-        "probability": 0.93,
-        "zones": [],
-    },
+    "position": _POSITION,
     "alerts": [],
     "learned": {"slope": 0.33, "offset": 0.1, "steps": 420, "heading_bias": 0.2, "radio_offset": -1.5},
     "kept": [{"service": "history", "what": "where phones were", "seconds": 2592000.0, "note": ""}],
@@ -164,19 +165,7 @@ EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
             ],
         }
     },
-    protocol.Position: {
-        "in a zone": {
-            "t": 1767225602.4,
-            "age": 0.2,
-            "area": "hall",
-            "floor": "ground",
-            "x": 7.31,
-            "y": 4.02,
-            "covariance": [0.04, 0.0, 0.05],
-            "probability": 0.93,
-            "zones": [{"id": "exhibit-1", "name": "The first exhibit"}],
-        }
-    },
+    protocol.Position: {"in a zone": _POSITION},
     protocol.OwnAlerts: {
         "entered": {
             "alerts": [
