@@ -1,8 +1,6 @@
 """``python -m services.api``."""
 
-import sys
-
 from services.api.service import ApiService
-from shared.runner import run
+from shared.runner import main
 
-sys.exit(run(ApiService))
+main(ApiService)

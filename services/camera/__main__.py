@@ -1,8 +1,6 @@
 """Run one camera: ``python -m services.camera --site-file SITE --camera ID``."""
 
-import sys
-
 from services.camera.service import CameraService
-from shared.runner import run
+from shared.runner import main
 
-sys.exit(run(CameraService))
+main(CameraService)

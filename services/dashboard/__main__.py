@@ -1,9 +1,7 @@
 """``python -m services.dashboard``."""
 
-import sys
-
 from services.dashboard.service import DashboardService
-from shared.runner import run
+from shared.runner import main
 
 if __name__ == "__main__":
-    sys.exit(run(DashboardService))
+    main(DashboardService)

@@ -1,8 +1,6 @@
 """``python -m services.gateway``."""
 
-import sys
-
 from services.gateway.service import GatewayService
-from shared.runner import run
+from shared.runner import main
 
-sys.exit(run(GatewayService))
+main(GatewayService)

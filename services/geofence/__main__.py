@@ -1,8 +1,6 @@
 """``python -m services.geofence``."""
 
-import sys
-
 from services.geofence.service import GeofenceService
-from shared.runner import run
+from shared.runner import main
 
-sys.exit(run(GeofenceService))
+main(GeofenceService)

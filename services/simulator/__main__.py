@@ -1,8 +1,6 @@
 """``python -m services.simulator``."""
 
-import sys
-
 from services.simulator.service import Simulator
-from shared.runner import run
+from shared.runner import main
 
-sys.exit(run(Simulator))
+main(Simulator)

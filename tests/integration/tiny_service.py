@@ -1,10 +1,9 @@
 """The smallest real service, run as a process by test_runner.py; ``behaviour`` chooses what it does wrong."""
 
-import sys
 import time
 from typing import Literal
 
-from shared.runner import Service, ServiceError, run
+from shared.runner import Service, ServiceError, main
 from shared.settings import ServiceSettings, SettingsError
 from shared.site import Site
 
@@ -43,4 +42,4 @@ class Tiny(Service[TinySettings]):
 
 
 if __name__ == "__main__":
-    sys.exit(run(Tiny))
+    main(Tiny)

@@ -55,5 +55,5 @@ class Gateway:
         return await asyncio.get_running_loop().run_in_executor(self._workers, task, *arguments)
 
     def close(self) -> None:
-        """Let the threads go."""
-        self._workers.shutdown(wait=False, cancel_futures=True)
+        """Let the threads go, once what they have begun is done."""
+        self._workers.shutdown(cancel_futures=True)
