@@ -66,7 +66,8 @@ class Borders:
         if len(long):
             which, cut = index.cut(frame.segments[long], frame.floor[long])
             held = np.concatenate([held, frame.slot[long[which]] * count + cut])
-        codes = np.union1d(code, held)
+        codes = np.sort(np.concatenate([code, held]), kind="stable")  # both come nearly sorted
+        codes = codes[np.append(True, codes[1:] != codes[:-1])[: len(codes)]]
         place = np.searchsorted(codes, code)
         rows, borders_of = row_of[codes // max(count, 1)], codes % max(count, 1)
         depths, sigmas = np.full(len(codes), np.nan), frame.spread[rows]

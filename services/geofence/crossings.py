@@ -124,28 +124,19 @@ class Crossings:
         slot, known = self._slots.take(track, former, others)
         happened = self._absorb(t, track, slot, former, others) if any(former) else []
         place = self._slots.place
-        before = place[slot]
+        before = place.take(slot)
         frame = Frame(
             t, slot, track, before["who"], floor, x, y,
             np.zeros((len(x), 3)) if covariance is None else covariance,
             before["t"], before["x"], before["y"], known & (before["floor"] == floor),
         )  # fmt: skip
         code, pairs = self._borders.matter(frame, self._pairs["code"], len(self._slots.place))
-        at = np.searchsorted(self._pairs["code"], code)
-        state = np.zeros(len(code), PAIR)
-        if len(self._pairs):
-            old = self._pairs[np.minimum(at, len(self._pairs) - 1)]
-            found = old["code"] == code
-            state[found] = old[found]
-            new = ~found
-        else:
-            new = np.ones(len(code), np.bool_)
-        state["code"] = code
+        state, new = self._state_of(code)
         stays = np.zeros(len(code), np.bool_)
         is_line = self._borders.index.is_line[pairs.border]
         happened += self._areas(np.flatnonzero(~is_line), state, new, pairs, frame, stays)
         happened += self._lines(np.flatnonzero(is_line), state, new, pairs, frame, stays)
-        self._remember(slot, state[stays])
+        self._remember(slot, state.compress(stays))
         place["t"][slot], place["x"][slot], place["y"][slot], place["floor"][slot] = t, x, y, floor
         place["spread"][slot] = frame.spread
         happened += self._vanish(t, self._grace)
@@ -244,10 +235,24 @@ class Crossings:
     def _is_line(self, codes: Ints) -> Bools:
         return self._borders.index.is_line[codes % max(len(self._borders.index), 1)]
 
+    def _state_of(self, code: Ints) -> tuple[NDArray[Any], Bools]:
+        """Return a copy of what is remembered of pairs (m,), and which of them are new: these hold their code only."""
+        if not len(self._pairs):
+            state, new = np.zeros(len(code), PAIR), np.ones(len(code), np.bool_)
+        else:
+            codes = np.ascontiguousarray(self._pairs["code"])
+            at = np.minimum(np.searchsorted(codes, code), len(codes) - 1)
+            new = codes[at] != code
+            state = self._pairs.take(at)
+            fresh = np.flatnonzero(new)
+            state.put(fresh, np.zeros(len(fresh), PAIR))
+        state["code"] = code
+        return state, new
+
     def _areas(
         self, some: Ints, state: NDArray[Any], new: Bools, pairs: Pairs, frame: Frame, stays: Bools
     ) -> list[Crossing]:
-        mine, of = state[some], pairs.pick(some)
+        mine, of = state.take(some), pairs.pick(some)
         step = advance_areas(mine, new[some], of, frame, self._borders.min_seconds)
         turned = mine[["t", "x", "y"]]
         happened = []
@@ -265,7 +270,7 @@ class Crossings:
             person = int(frame.track[row]), int(frame.who[row])
             here = frame.t, float(frame.x[row]), float(frame.y[row])
             happened += self._passed(int(of.border[place]), mine[place], person, here, float(spread[row]))
-        state[some] = mine
+        state.put(some, mine)
         stays[some] = step.stays
         return happened
 
@@ -274,7 +279,7 @@ class Crossings:
     ) -> list[Crossing]:
         if not len(some):
             return []
-        mine, of = state[some], pairs.pick(some)
+        mine, of = state.take(some), pairs.pick(some)
         before = np.full(len(some), np.nan)
         fresh = np.flatnonzero(new[some] & frame.known[of.row])
         rows = of.row[fresh]
@@ -293,7 +298,7 @@ class Crossings:
         rows = of.row[crossed]
         for name, value in (("anchor_t", frame.t), ("anchor_x", frame.x[rows]), ("anchor_y", frame.y[rows])):
             mine[name][crossed] = value
-        state[some] = mine
+        state.put(some, mine)
         happened = []
         for place in [*told, *through]:
             row = int(of.row[place])
@@ -353,10 +358,10 @@ class Crossings:
         absent = np.ones(len(self._slots.place), np.bool_)
         absent[slot] = False
         count = max(len(self._borders.index), 1)
-        others = self._pairs[absent[self._pairs["code"] // count]] if len(self._pairs) else self._pairs
+        others = self._pairs.compress(absent[self._pairs["code"] // count]) if len(self._pairs) else self._pairs
         if len(others):
             state = np.concatenate([others, state])
-            state = state[np.argsort(state["code"], kind="stable")]
+            state = state.take(np.argsort(state["code"], kind="stable"))
         self._pairs = state
 
     def _absorb(
