@@ -63,7 +63,7 @@ class SlowArea:
             z, least = (-depth - self.margin) / sigma, 1.5 * self.least
         else:
             z = (depth - 0.1 * self.margin) / sigma - self.demand
-            least = self.least * (1.0 + 0.5 * math.log1p((t - self.since) / 2.0))
+            least = self.least * (1.0 + 0.5 * math.log1p(max(t - self.since - 2.0, 0.0) / 2.0))
         self.evidence = gather(self.evidence, z, seconds, least)
         turns = self.evidence >= 1.0
         self._look_outside(t, depth, sigma, seconds, shapely.LineString([place, at]), turns)

@@ -26,7 +26,7 @@ Ints = NDArray[np.int64]
 
 ENTER_MARGIN = 0.1
 """Of the margin: who walks in is told sooner than who walks out, whom nobody wants back a moment later."""
-ENTER_PATIENCE, EXIT_PATIENCE = 0.75, 1.5
+EXIT_PATIENCE = 1.5
 """Times the least seconds, likewise."""
 WALKS_IN = 2.0
 """Seconds beside an area in which nobody lingers: so long takes who just walks in."""
@@ -69,7 +69,7 @@ def advance_areas(state: NDArray[Any], new: Bools, pairs: Pairs, frame: Frame, m
     before = state["evidence"]
     seconds = np.where(known, t - frame.before_t[row], 0.0)
     # Exactly known places have no spread: a hair keeps the division.
-    patience = min_seconds * np.where(inside, EXIT_PATIENCE, ENTER_PATIENCE * lingering(t - state["anchor_t"] - WALKS_IN))
+    patience = min_seconds * np.where(inside, EXIT_PATIENCE, lingering(t - state["anchor_t"] - WALKS_IN))
     evidence = gathered(before, beyond / np.maximum(pairs.sigma, 1e-9) - demand, seconds, patience)
     begins = (evidence > 0.0) & (before == 0.0)
     for name, value in (("t", np.full(len(row), t)), ("x", x), ("y", y)):
