@@ -60,6 +60,7 @@ def border_figures(seed: int) -> dict[str, float | None]:
         "entry_delay_p50_s": float(np.median(late)),
         "entry_delay_p95_s": float(np.percentile(late, 95)),
         "entry_delay_max_s": float(late.max()),
+        "entries_later_than_1_s": float((late > 1.0).mean()),
         "naive_missed_crossings": naive.missed,
         "naive_duplicate_enters": naive.duplicates,
     }
