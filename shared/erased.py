@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import OrderedDict
 from collections.abc import Sequence
 
@@ -37,7 +38,8 @@ class Erased:
 
         Whom a camera sees stays, without a name; who is followed by the device alone is gone with it.
         """
-        if not self._devices or not any(name in self._devices for name in (*frame.device, *frame.runner_up) if name):
+        named = itertools.chain(frame.device, frame.runner_up, *frame.sources)
+        if not self._devices or not any(name in self._devices for name in named if name):
             return frame
         frame = self._without_unseen(frame)
         device = [None if name in self._devices else name for name in frame.device]

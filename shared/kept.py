@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import msgspec
+import structlog
 
-__all__ = ["Kept", "decode_kept", "encode_kept", "state_on_disk"]
+__all__ = ["Kept", "decode_kept", "encode_kept", "rows_of", "state_on_disk"]
+
+
+log = structlog.get_logger(__name__)
 
 
 class Kept(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,3 +46,22 @@ def decode_kept(payload: bytes) -> list[Kept]:
         msgspec.MsgspecError: it is none.
     """
     return _decoder.decode(payload)
+
+
+def rows_of(answers: Iterable[tuple[str, bytes]]) -> tuple[list[tuple[str, Kept]], set[str]]:
+    """Return what services keep, by service, and which were heard; what two processes of one kind tell stands once.
+
+    Args:
+        answers: keys and payloads; what is not understood is left out, and logged.
+    """
+    rows: dict[tuple[str, Kept], None] = {}
+    heard: set[str] = set()
+    for key, payload in answers:
+        service = key.split("/")[-2]
+        try:
+            rows |= dict.fromkeys((service, kept) for kept in decode_kept(payload))
+        except msgspec.MsgspecError as error:
+            log.warning("what is kept was not understood", service=service, error=str(error))
+            continue
+        heard.add(service)
+    return sorted(rows, key=lambda row: row[0]), heard

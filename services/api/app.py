@@ -29,6 +29,7 @@ from services.api.learning_maps import learning_maps
 from services.api.learning_orders import learning_orders
 from services.api.learning_reads import learning_reads
 from services.api.live_state import LiveState
+from services.api.nameless import reads_rules
 from services.api.openapi import UNCHANGED, describe, documented, named
 from services.api.position_routes import position_routes
 from services.api.problems import tell_problems
@@ -94,7 +95,12 @@ def create_app(
     layers = [
         Middleware(Audited, audit=admin.audit),
         Middleware(Guard, ring=ring, note_use=admin.accounts.note_use),
-        Middleware(HotReads, sources=sources, naming=frozenset({"/v1/positions", "/v1/tracks"})),
+        Middleware(
+            HotReads,
+            sources=sources,
+            naming=frozenset({"/v1/positions", "/v1/tracks"}),
+            only_for={"/v1/zones": reads_rules},
+        ),
     ]
     if settings.cors_origins:
         headers = ["Authorization", "X-API-Key", "Last-Event-ID", "Content-Type", "If-Match", "If-None-Match"]

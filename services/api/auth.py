@@ -155,7 +155,7 @@ class Guard:
 
 
 def needs(holder: Holder, scope: Scope) -> None:
-    """Let only keys go on that have one more scope, because what is asked for tells of single phones.
+    """Let only keys go on that have one more scope: of a path that needs several, or of a part of what it tells.
 
     Raises:
         ProblemError: this one has not.
@@ -166,7 +166,7 @@ def needs(holder: Holder, scope: Scope) -> None:
                 type="urn:atrium:forbidden",
                 title="Scope missing",
                 status=403,
-                detail=f"this key may not read {scope}, which tells of single phones",
+                detail=f"this key may not {_MAY_NOT.get(scope, 'read ' + scope)}",
                 field="Authorization",
                 found=f"a key with the scopes {', '.join(sorted(holder.scopes))}",
                 allowed=f"a key with the scope {scope}, too",
@@ -213,6 +213,7 @@ def _refusal(connection: Connection, presented: bytes | None, holder: Holder | N
 
 
 _MAY_NOT: dict[Scope, str] = {
+    "positions": "read positions, which tell of single phones",
     "learning-admin": "change learning",
     "zones-admin": "change zones and exhibits",
     "accounts": "see or change who may come in",

@@ -9,12 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
-import msgspec
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
-from services.api.auth import Holder
+from services.api.auth import Holder, needs
 from services.api.calibration_replies import (
     CALIBRATION_EXAMPLES,
     BoardCorners,
@@ -37,12 +36,12 @@ from services.api.calibration_saving import (
 )
 from services.api.calibration_trial import all_pairs, try_pairs
 from services.api.camera_link import CameraLink
+from services.api.json_answer import unkept_answer
 from services.api.live_state import LiveState
 from services.api.openapi import documented, errors
-from services.api.problems import Problem, ProblemError, unknown
+from services.api.problems import unknown
 from services.api.request_body import described, read_struct
 from services.api.seen import Seen, saw
-from services.api.settings import Scope
 from services.api.setup_desk import SetupDesk
 from shared.keys import Keys
 from shared.site import Camera, Site
@@ -88,15 +87,15 @@ def calibration_routes(
     @router.post("/cameras/{camera}/still", responses=documented(StillOpened, 404, 409, 422, 429, 503))
     def open_stills(request: Request, camera: str) -> Response:
         """Allow stills of a camera for some minutes; the camera's setting allow_stills must be on."""
-        _needs(request, "stills")
+        needs(request.state.holder, "stills")
         _camera(site, camera)
         answer = link.ask(camera, "open", _name(request))
-        return _json(StillOpened(words=answer.words, until=answer.until))
+        return unkept_answer(StillOpened(words=answer.words, until=answer.until))
 
     @router.get("/cameras/{camera}/still", responses=_JPEG | errors(404, 409, 422, 429, 503))
     def still(request: Request, camera: str) -> Response:
         """One picture of a camera for its calibration, while stills are open; each is noted with the key's name."""
-        _needs(request, "stills")
+        needs(request.state.holder, "stills")
         _camera(site, camera)
         saw(request, PICTURE)
         answer = link.ask(camera, "look", _name(request))
@@ -111,16 +110,16 @@ def calibration_routes(
         rows: Annotated[int, Query(ge=3, le=30, description="rows of them")],
     ) -> Response:
         """Find a checkerboard that lies on the floor in the camera's newest picture, while stills are open."""
-        _needs(request, "stills")
+        needs(request.state.holder, "stills")
         _camera(site, camera)
         saw(request, PICTURE)
         answer = link.ask(camera, "board", _name(request), columns, rows)
-        return _json(BoardCorners(image_size=(answer.width, answer.height), corners=answer.corners))
+        return unkept_answer(BoardCorners(image_size=(answer.width, answer.height), corners=answer.corners))
 
     @router.get("/cameras/{camera}/calibration", responses=documented(CalibrationView, 404, 409))
     def calibration(camera: str) -> Response:
         """How a camera is calibrated: as saved in the browser, or else as the site file says."""
-        return _json(calibration_view(site, desk, live, _camera(site, camera)))
+        return unkept_answer(calibration_view(site, desk, live, _camera(site, camera)))
 
     @router.post(
         "/cameras/{camera}/calibration/try",
@@ -142,7 +141,7 @@ def calibration_routes(
             except (GeometryError, ValueError) as error:
                 raise unfit(str(error)) from error
 
-        return _json(await run_in_threadpool(work))
+        return unkept_answer(await run_in_threadpool(work))
 
     @router.post(
         "/cameras/{camera}/calibration",
@@ -151,20 +150,20 @@ def calibration_routes(
     )
     async def save(request: Request, camera: str) -> Response:
         """Save a calibration and the area of interest beside the site file; the one before is kept."""
-        _needs(request, "setup")
+        needs(request.state.holder, "setup")
         named = _camera(site, camera)
         order = await read_struct(request, CalibrationSave, LARGEST)
 
         def work() -> CalibrationSaved:
             return save_calibration(site, desk, live, named, order, _name(request))
 
-        return _json(await run_in_threadpool(work))
+        return unkept_answer(await run_in_threadpool(work))
 
     @router.get("/access-points", responses=documented(Placements, 409))
     def placements() -> Response:
         """Where the access points hang: as placed in the browser, or else as the site file says."""
         placed = desk.read().access_points
-        return _json(
+        return unkept_answer(
             Placements(
                 access_points=[
                     Placement(
@@ -186,7 +185,7 @@ def calibration_routes(
     )
     async def place(request: Request) -> Response:
         """Save where access points hang beside the site file; null: as the site file says."""
-        _needs(request, "setup")
+        needs(request.state.holder, "setup")
         order = await read_struct(request, PlacementSave, LARGEST)
         known = {point.id: point for point in site.access_points}
         for name in order.positions:
@@ -201,7 +200,7 @@ def calibration_routes(
             areas = [area.id for area in site.areas if area.floor in floors]
             return CalibrationSaved(words=PLACED.format(", ".join(areas) or "no area"), version=version)
 
-        return _json(await run_in_threadpool(work))
+        return unkept_answer(await run_in_threadpool(work))
 
     return router
 
@@ -216,24 +215,3 @@ def _camera(site: Site, camera: str) -> Camera:
 def _name(request: Request) -> str:
     holder: Holder = request.state.holder
     return holder.name
-
-
-def _needs(request: Request, scope: Scope) -> None:
-    holder: Holder = request.state.holder
-    if scope not in holder.scopes:
-        what = "see pictures of cameras" if scope == "stills" else "change how the site is set up"
-        raise ProblemError(
-            Problem(
-                type="urn:atrium:forbidden",
-                title="Scope missing",
-                status=403,
-                detail=f"this key may not {what}",
-                field="Authorization",
-                found=f"a key with the scopes {', '.join(sorted(holder.scopes))}",
-                allowed=f"a key with the scope {scope}, too",
-            )
-        )
-
-
-def _json(body: msgspec.Struct) -> Response:
-    return Response(msgspec.json.encode(body), media_type="application/json", headers={"Cache-Control": "no-store"})

@@ -16,6 +16,7 @@ from services.api.history_formats import CSV, GEOJSON, PARQUET, csv_answer, geoj
 from services.api.history_link import HistoryLink
 from services.api.history_replies import DwellReport, FlowReport, HeatMapReport, OccupancyReport, TrajectoryReport
 from services.api.history_seats import HistorySeats
+from services.api.json_answer import json_answer
 from services.api.openapi import documented
 from services.api.problems import ProblemError, invalid_value, unknown
 from services.api.seen import Seen, saw
@@ -95,7 +96,7 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
         if format == "parquet":
             said = {"device": device, "site": site.site, "time": "s since the epoch, UTC", "length": "m"}
             return parquet_answer(columns, f"trajectory-{device}", said)
-        return _json(TrajectoryReport(device=device, since=begin, until=end, **columns))
+        return json_answer(TrajectoryReport(device=device, since=begin, until=end, **columns))
 
     @router.get("/occupancy", responses=_also(OccupancyReport, ("csv", "parquet")))
     def occupancy(
@@ -126,7 +127,7 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
             }
             said = {"site": site.site, "step": str(step), "time_zone": site.time_zone}
             return csv_answer(table, "occupancy") if format == "csv" else parquet_answer(table, "occupancy", said)
-        return _json(
+        return json_answer(
             OccupancyReport(
                 since=begin, until=end, step=step, time_zone=found.time_zone, t=found.t, places=found.places
             )
@@ -152,7 +153,7 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
             raise unknown("floor", floor or "", floors)
         begin, end = whole_grains(*_period(since, until, day, zone))
         found = link.answer(AskHeatMap(floor=floor, since=begin, until=end, cell=cell, of=of), HeatMap)
-        return _json(
+        return json_answer(
             HeatMapReport(
                 floor=floor,
                 since=begin,
@@ -183,7 +184,7 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
         if format == "csv":
             names = ("id", "people", "visits", "mean", "median", "p90")
             return csv_answer({name: [getattr(row, name) for row in found.places] for name in names}, "dwell")
-        return _json(DwellReport(since=begin, until=end, places=found.places))
+        return json_answer(DwellReport(since=begin, until=end, places=found.places))
 
     @router.get("/flows", responses=_also(FlowReport, ("csv",)))
     def flows(
@@ -212,13 +213,9 @@ def history_reads(site: Site, link: HistoryLink, exhibits: Callable[[], list[Zon
                 "count": [found.counts[a][b] for a, b in legs],
             }
             return csv_answer(table, "flows")
-        return _json(FlowReport(since=begin, until=end, zones=found.zones, counts=found.counts))
+        return json_answer(FlowReport(since=begin, until=end, zones=found.zones, counts=found.counts))
 
     return router
-
-
-def _json(body: msgspec.Struct) -> Response:
-    return Response(msgspec.json.encode(body), media_type="application/json")
 
 
 def _places(at: str, exhibits: Callable[[], list[ZoneDefinition]]) -> list[ZoneDefinition] | None:

@@ -10,9 +10,11 @@ import itertools
 import secrets
 import time
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from services.api.auth import Holder
 from services.api.seen import ALL
 
 __all__ = ["HotReads"]
@@ -55,14 +57,19 @@ class HotReads:
     """ASGI layer that answers ``GET path`` without a query by ``sources[path](now)``, a JSON body with an ETag.
 
     Whoever names the present tag in ``If-None-Match`` gets 304 and no body. Who accepts GeoJSON is handed on. The audit
-    layer hears of reads of paths in ``naming``, which name people.
+    layer hears of reads of paths in ``naming``, which name people. Of paths in ``only_for`` others are handed on, too.
     """
 
     def __init__(
-        self, app: ASGIApp, sources: Mapping[str, Callable[[float], bytes]], naming: frozenset[str] = frozenset()
+        self,
+        app: ASGIApp,
+        sources: Mapping[str, Callable[[float], bytes]],
+        naming: frozenset[str] = frozenset(),
+        only_for: Mapping[str, Callable[[Holder], bool]] = MappingProxyType({}),
     ) -> None:
         self._app = app
         self._naming = naming
+        self._only_for = only_for
         run = f"{secrets.token_hex(3)}-"
         self._sources = {path: _Source(build, run) for path, build in sources.items()}
 
@@ -70,6 +77,10 @@ class HotReads:
         """Answer, or hand the request on."""
         source = self._sources.get(scope["path"]) if scope["type"] == "http" else None
         if source is None or scope["method"] != "GET" or scope["query_string"]:
+            await self._app(scope, receive, send)
+            return
+        only_for = self._only_for.get(scope["path"])
+        if only_for is not None and not only_for(scope["state"]["holder"]):
             await self._app(scope, receive, send)
             return
         held = None

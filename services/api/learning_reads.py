@@ -6,11 +6,11 @@ import time
 from collections.abc import Sequence
 from typing import Annotated
 
-import msgspec
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from services.api.auth import Holder, needs
+from services.api.json_answer import json_answer
 from services.api.learning_link import LearningLink
 from services.api.learning_replies import (
     AccessPointOfArea,
@@ -49,7 +49,7 @@ def learning_reads(site: Site, link: LearningLink) -> APIRouter:
         personal = "positions" in holder.scopes
         if personal:
             saw(request, ALL)
-        return _json(
+        return json_answer(
             Learning(
                 t=report.t,
                 frozen=report.frozen,
@@ -67,7 +67,7 @@ def learning_reads(site: Site, link: LearningLink) -> APIRouter:
         if area not in areas:
             raise unknown("area", area, areas)
         found = next((lessons for lessons in link.report().areas if lessons.area == area), AreaLessons(area=area))
-        return _json(found)
+        return json_answer(found)
 
     @router.get("/access-points", responses=documented(LearningAccessPoints, 404, 503))
     def access_points(area: Annotated[str | None, Query(description="only of this area's model")] = None) -> Response:
@@ -81,13 +81,13 @@ def learning_reads(site: Site, link: LearningLink) -> APIRouter:
             if area in (None, lessons.area)
             for fit in lessons.access_points
         ]
-        return _json(LearningAccessPoints(t=report.t, access_points=rows))
+        return json_answer(LearningAccessPoints(t=report.t, access_points=rows))
 
     @router.get("/cameras", responses=documented(LearningCameras, 503))
     def cameras() -> Response:
         """How each camera's tracks score over time, whether it was knocked, how its clock stands to phones'."""
         report = link.report()
-        return _json(LearningCameras(t=report.t, cameras=report.cameras))
+        return json_answer(LearningCameras(t=report.t, cameras=report.cameras))
 
     @router.get("/devices", responses=documented(LearningDevices, 503))
     def devices(request: Request) -> Response:
@@ -95,14 +95,14 @@ def learning_reads(site: Site, link: LearningLink) -> APIRouter:
         needs(_holder(request), "positions")
         saw(request, ALL)
         report = link.report()
-        return _json(LearningDevices(t=report.t, devices=report.devices))
+        return json_answer(LearningDevices(t=report.t, devices=report.devices))
 
     @router.get("/accuracy", responses=documented(LearningAccuracy, 503))
     def accuracy() -> Response:
         """How far off Atrium believes its named positions to be, by area."""
         report = link.report()
         rows = [AccuracyOfArea(area=lessons.area, accuracy=lessons.accuracy) for lessons in report.areas]
-        return _json(LearningAccuracy(t=report.t, areas=rows))
+        return json_answer(LearningAccuracy(t=report.t, areas=rows))
 
     @router.get("/history", responses=documented(LearningHistory, 422, 503))
     def history(
@@ -122,13 +122,11 @@ def learning_reads(site: Site, link: LearningLink) -> APIRouter:
             LearningCommand(do="history", kind=kind, subject=subject, before=before, most=limit, personal=personal)
         )
         page = _told(told.history, personal)
-        return _json(LearningHistory(t=time.time(), history=page, next=page[-1].t if told.older and page else None))
+        return json_answer(
+            LearningHistory(t=time.time(), history=page, next=page[-1].t if told.older and page else None)
+        )
 
     return router
-
-
-def _json(body: msgspec.Struct) -> Response:
-    return Response(msgspec.json.encode(body), media_type="application/json")
 
 
 def _holder(request: Request) -> Holder:

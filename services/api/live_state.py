@@ -135,9 +135,12 @@ class LiveState:
         return True
 
     def newest(self, area: str) -> tuple[TrackFrame, Since]:
-        """Return the newest frame of an area (KeyError if there is none), with what fed each track in the last second.
+        """Return the newest frame of an area, and since when each device in it has been its person's.
 
-        And since when each person's device has been theirs.
+        ``sources`` of the frame are those of the last second.
+
+        Raises:
+            KeyError: nothing was heard of this area.
         """
         held = self._newest[area]
         return held.frame, held.since

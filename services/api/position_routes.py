@@ -6,7 +6,7 @@ Without a query the first two are answered before they come here, from ready-mad
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Annotated, Any
 
 import msgspec
@@ -35,6 +35,7 @@ def position_routes(site: Site, live: LiveState) -> APIRouter:
     """Return the routes."""
     router = APIRouter(prefix="/v1", tags=["positions"], default_response_class=Response)
     areas = [area.id for area in site.areas]
+    cameras = {camera.id for camera in site.cameras}
     floors = [floor.id for floor in site.floors]
     earth = PlanOnEarth.of(site)
 
@@ -92,7 +93,7 @@ def position_routes(site: Site, live: LiveState) -> APIRouter:
             saw(request, ALL)
             return _body(live.tracks_json(area, now))
         rows, following = select(live.tracks(area, now), asked, live.zones, floors, _track_key, _quality)
-        saw_rows(request, [row.device for row in rows])
+        saw_rows(request, _named(rows, cameras))
         if drawn.geojson:
             return _geojson(collection(features(rows, drawn), t=now, next=following))
         return _body(msgspec.json.encode(Tracks(t=now, tracks=rows, next=following)))
@@ -129,6 +130,12 @@ def position_routes(site: Site, live: LiveState) -> APIRouter:
         )
 
     return router
+
+
+def _named(rows: Iterable[Track], cameras: Collection[str]) -> list[str | None]:
+    """Return the phones that tracks name: whose they are, whose they may be, and what fed them besides cameras."""
+    told = ((row.device, row.runner_up, *row.sources) for row in rows)
+    return [name for names in told for name in names if name not in cameras]
 
 
 def _track_key(row: Track) -> str:

@@ -11,7 +11,7 @@ from starlette.responses import Response
 
 from services.api.erasure_replies import KeptFor, RetentionReport
 from services.api.openapi import documented
-from shared.kept import Kept, decode_kept
+from shared.kept import rows_of
 from shared.keys import Keys
 
 __all__ = ["AskAll", "retention_report", "retention_routes"]
@@ -31,18 +31,9 @@ def retention_report(now: float, told: Iterable[tuple[str, bytes]], expected: Se
         told: keys and payloads of their answers; what is not understood is left out.
         expected: services that should have answered.
     """
-    rows: dict[tuple[str, Kept], None] = {}
-    heard: set[str] = set()
-    for key, payload in told:
-        service = key.split("/")[-2]
-        try:
-            rows |= dict.fromkeys((service, kept) for kept in decode_kept(payload))
-        except msgspec.MsgspecError:
-            continue
-        heard.add(service)
+    rows, heard = rows_of(told)
     kept = [KeptFor(service=service, **msgspec.structs.asdict(row)) for service, row in rows]
-    silent = sorted(set(expected) - heard)
-    return RetentionReport(t=now, kept=sorted(kept, key=lambda row: row.service), silent=silent)
+    return RetentionReport(t=now, kept=kept, silent=sorted(set(expected) - heard))
 
 
 def retention_routes(keys: Keys, ask: AskAll, expected: Sequence[str]) -> APIRouter:

@@ -70,7 +70,7 @@ class _Question:
     since: str | None
 
 
-def _question(
+async def _question(  # not in a thread: streams are opened also while the pool is full
     kinds: Annotated[
         str | None, Query(description="only these kinds of events, with commas; by default all you may")
     ] = None,

@@ -113,6 +113,8 @@ class _Drain(threading.Thread):
             failure = error
         except cv2.error as error:
             failure = SourceError(f"{_name(self._address)} sends what is no picture: {error.err}")
+        except Exception as error:  # whoever waits for pictures must hear of it
+            failure = SourceError(f"{_name(self._address)} cannot be read: {type(error).__name__}")
         else:
             return
         with self._changed:

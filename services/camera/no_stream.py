@@ -12,13 +12,14 @@ import hashlib
 import re
 import socket
 import ssl
+import time
 from urllib.parse import SplitResult, unquote, urlsplit
 
 __all__ = ["why_no_stream"]
 
 PORTS = {"rtsp": 554, "rtsps": 322, "http": 80, "https": 443}
 PATIENCE = 4.0
-"""Seconds for each step."""
+"""Seconds for each step, and for the whole answer."""
 LONGEST = 16_384
 """Bytes of an answer's head."""
 NONCE = "61747269756d"
@@ -35,7 +36,7 @@ def why_no_stream(url: str) -> str:
         status = _asked(parts, host, port, "")
         if status.code == 401 and parts.username is not None and status.challenge:
             status = _asked(parts, host, port, status.challenge)
-    except socket.gaierror:
+    except (socket.gaierror, UnicodeError):  # the latter: two dots in a row, or a label that is too long
         return f"there is no host {host}: check the name, or write the camera's number (192.168. …)"
     except ConnectionRefusedError:
         return f"at {host} nobody listens on port {port}: check the port, and that RTSP or HTTP is switched on there"
@@ -89,9 +90,11 @@ def _asked(parts: SplitResult, host: str, port: int, challenge: str) -> _Status:
             # Cameras sign their own certificates; the decoder does not check them either.
             link = ssl._create_unverified_context().wrap_socket(plain, server_hostname=host)  # noqa: S323
         link.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
-        head = b""
+        head, until = b"", time.monotonic() + PATIENCE
         while b"\r\n\r\n" not in head and len(head) < LONGEST and (more := link.recv(4096)):
             head += more
+            if time.monotonic() > until:
+                raise TimeoutError
     return _Status(head)
 
 

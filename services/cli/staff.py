@@ -72,11 +72,11 @@ def password(
 ) -> None:
     """Give somebody a new password; asks for it."""
     from services.api.admin.account_replies import UserChange
-    from services.api.request_body import only_known
+    from services.api.request_body import only_known, sound
 
     typed = _password(password_stdin)
     with _accounts() as accounts:
-        accounts.change(name, None, only_known({"password": typed}, UserChange, "a password").password)
+        accounts.change(name, None, only_known(sound({"password": typed}), UserChange, "a password").password)
     console.print(f"{escape(name)} has a new password; {SOON}")
 
 

@@ -338,7 +338,7 @@ class OwnRecord(msgspec.Struct, frozen=True, kw_only=True):
     kept: list[OwnKept]
     """What the services of this site keep of people, and for how long."""
     silent: list[str]
-    """Services that were asked and did not answer: what they know is missing here."""
+    """Of history and learning, which know most: who did not answer; what they know is missing here."""
 
 
 class OwnWay(msgspec.Struct, frozen=True, kw_only=True):

@@ -23,6 +23,7 @@ from shared.bus import Bus, Publisher
 from shared.erased import Erased
 from shared.messages import Alert, Erasure, Occupancy, Revision, TrackFrame
 from shared.runner import Health, Service
+from shared.setup_told import FollowedSite, SetupTold
 from shared.site import Site
 from shared.state_file import StateFile
 from shared.zones import ZoneDefinition, ZoneSet
@@ -54,6 +55,7 @@ class GeofenceService(Service[GeofenceSettings]):
         self._told_version = -1
         """Of the newest zone set the bus told since this process began: what was saved only bridges until then."""
         self._clock = zoneinfo.ZoneInfo(site.time_zone)
+        self._followed = FollowedSite(settings.site_file, site, health)
         self._sight = Sight(site)
         self._watch = self._new_watch(self._zones, 0)
         self._heard = {area.id: math.inf for area in site.areas}
@@ -92,6 +94,7 @@ class GeofenceService(Service[GeofenceSettings]):
         self._inbox.subscribe(self.keys.tracks(), TrackFrame)
         self._inbox.subscribe(self.keys.revisions(), Revision)
         self._inbox.subscribe(self.keys.erasure(), Erasure, cached=True)
+        self._inbox.subscribe(self.keys.setup(), SetupTold, cached=True)
         if not self._watch.plan.zones:
             log.info("the site file names no zones, and nobody drew any yet: there is nothing to watch")
         self.health.ready.set()
@@ -106,6 +109,8 @@ class GeofenceService(Service[GeofenceSettings]):
                     self._erase(message.device)
                 elif isinstance(message, ZoneSet):
                     self._follow(message)
+                elif isinstance(message, SetupTold) and self._followed.take(message):
+                    self._look_anew(self._followed.site)
             self._watch_silence()
             self._count()
             self._state_file.save_if_due(self._frames)
@@ -274,6 +279,12 @@ class GeofenceService(Service[GeofenceSettings]):
             )
         )
 
+    def _look_anew(self, site: Site) -> None:
+        """Take up what the cameras watch now: somebody set one up."""
+        self.site = site
+        self._sight.follow(site)
+        self._unknown = (None, set())
+
     def _blind(self) -> set[str]:
         """Return the zones that nobody can see; of them it is not known who is inside."""
         plan = self._watch.plan
@@ -324,7 +335,7 @@ class GeofenceService(Service[GeofenceSettings]):
             watch.follow(self._plan(self._zones, 0), time.time())
         else:
             self._zones, self._version = state.zones, state.version
-        now = time.monotonic()
+        now = self._last = time.monotonic()
         self._heard = {name: now if math.isfinite(people.t) else math.inf for name, people in watch.areas.items()}
         log.info("state restored", zones=len(self._zones), version=self._version)
 

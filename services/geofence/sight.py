@@ -39,6 +39,13 @@ class AreaSight:
         """The cameras that saw nothing before the newest frame."""
         self._seen: BaseGeometry = shapely.Polygon()
 
+    def follow(self, views: Mapping[str, BaseGeometry]) -> None:
+        """Take up other views; what a camera does not watch any more nobody saw there until the next frame."""
+        self.blind = frozenset(name for name in views if name in self.blind or name not in self.views)
+        self.views = views
+        self._missed = frozenset(views)
+        self._seen = shapely.Polygon()
+
     def look(self, t: float, cameras: Collection[str] | None) -> None:
         """Take in a frame at ``t`` s and which cameras fed it (None: it does not say, all).
 
@@ -76,6 +83,11 @@ class Sight:
     def __init__(self, site: Site) -> None:
         self.areas = {area.id: AreaSight(_views(site, area.id)) for area in site.areas}
         self._floor = {area.id: area.floor for area in site.areas}
+
+    def follow(self, site: Site) -> None:
+        """Take up what the cameras of the same areas watch now."""
+        for area, sight in self.areas.items():
+            sight.follow(_views(site, area))
 
     def blind_zones(self, zones: Iterable[ZoneDefinition]) -> set[str]:
         """Return the ids of those zones, all of them areas, of which a part is seen by nobody."""

@@ -17,7 +17,9 @@ from shared.bus import Bus, Inbox, router
 from shared.keys import Keys
 from shared.messages import Alert, Erasure, ErasureDone, Message, Occupancy, TrackFrame
 from shared.runner import Health
+from shared.setup_told import SetupTold
 from shared.site import Site, load_site
+from shared.site.setup_file import CameraSetup, SetUp
 from shared.zones import ZoneDefinition, ZoneRule, ZoneSet
 
 KEYS = Keys("hall")
@@ -347,3 +349,32 @@ def test_a_state_that_cannot_be_read_is_left_aside(
     (tmp_path / "geofence.state").write_bytes(content)
     with running(site, project, zenoh_router, state_folder=tmp_path) as service:
         assert set(service._watch.counts()) == {"entrance", "model-corner"}
+
+
+def test_after_a_restart_into_silence_time_goes_on_from_the_last_frame(
+    site: Site, project: Path, zenoh_router: str, tmp_path: Path
+) -> None:
+    with Bus([zenoh_router]) as bus:
+        inbox, alerted, counts, told = bus.inbox(), [], bus.inbox(), []
+        inbox.subscribe(KEYS.alert(), Alert, cached=True)
+        with running(site, project, zenoh_router, state_folder=tmp_path):
+            t = walk_until(bus, 100.0, 10.0, 1.2, inbox, alerted, 1)
+        counts.subscribe(KEYS.occupancy(), Occupancy)
+        quick = {"state_folder": tmp_path, "geofence_silence": 0.2, "geofence_occupancy_every": 0.05}
+        with running(site, project, zenoh_router, **quick):
+            blind = wait_until(
+                lambda: [one for one in of_kind(counts, Occupancy, told) if one.blind],  # type: ignore[attr-defined]
+                DEADLINE,
+                "a count in silence",
+            )
+        assert blind[0].t < t + DEADLINE  # type: ignore[attr-defined]
+
+
+def test_what_cameras_watch_is_taken_up_as_it_is_set_up(site: Site, project: Path, zenoh_router: str) -> None:
+    with running(site, project, zenoh_router) as service, Bus([zenoh_router]) as bus:
+        before = service._sight.areas["hall"].views["hall-east"].area
+        near = CameraSetup(area_of_interest=((300.0, 415.0), (600.0, 415.0), (600.0, 580.0), (300.0, 580.0)))
+        setup = SetUp(site=site.site, version=1, cameras={"hall-east": near})
+        publisher = bus.publisher(KEYS.setup(), SetupTold, cached=True)
+        publisher.publish(SetupTold(t=1.0, version=1, setup=setup.model_dump_json()))
+        wait_until(lambda: service._sight.areas["hall"].views["hall-east"].area < before / 2, DEADLINE, "the new view")

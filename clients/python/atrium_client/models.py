@@ -131,10 +131,10 @@ class Zone(msgspec.Struct, kw_only=True):
     shape: str = "area"
     rules: list[Rule] = msgspec.field(default_factory=list)
     inside: int = 0
-    blind: bool = False
-    """No camera can see it now: nobody knows how many are there."""
     """People in it now whom cameras see; ``unseen``: devices out of their view."""
     unseen: int = 0
+    blind: bool = False
+    """No camera can see it now: nobody knows how many are there."""
     etag: str = ""
     """Which state of it was read; empty: of one's own making."""
 

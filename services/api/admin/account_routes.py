@@ -6,7 +6,6 @@ import math
 import time
 from urllib.parse import quote
 
-import msgspec
 from fastapi import APIRouter, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
@@ -16,6 +15,7 @@ from services.api.admin.accounts import Accounts
 from services.api.admin.roles import SCOPES_OF, Role
 from services.api.auth import Holder
 from services.api.examples import EXAMPLES
+from services.api.json_answer import unkept_answer
 from services.api.openapi import GONE, created, documented, errors
 from services.api.problems import Problem, ProblemError
 from services.api.request_body import described, invalid, read_struct
@@ -39,7 +39,7 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
     @router.get("/keys", responses=documented(Keys, 503))
     def keys() -> Response:
         """The keys that were issued; never their secrets."""
-        return _json(Keys(t=time.time(), keys=[Key(**vars(key)) for key in accounts.issued()]))
+        return unkept_answer(Keys(t=time.time(), keys=[Key(**vars(key)) for key in accounts.issued()]))
 
     @router.post(
         "/keys",
@@ -58,7 +58,7 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
             accounts.issue, wanted.name, scopes, wanted.rate or key_rate, wanted.expires
         )
         request.state.audit = f"issued to {key.name}: {' '.join(scopes)}"
-        return _json(OneKey(**vars(key), key=secret), 201, {"Location": f"/v1/keys/{key.id}"})
+        return unkept_answer(OneKey(**vars(key), key=secret), 201, {"Location": f"/v1/keys/{key.id}"})
 
     @router.delete("/keys/{key}", status_code=204, responses=GONE | errors(403, 404, 503))
     def revoke(key: str, request: Request) -> Response:
@@ -72,7 +72,7 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
     @router.get("/users", responses=documented(Users, 503))
     def users() -> Response:
         """The staff."""
-        return _json(Users(t=time.time(), users=[StaffMember(**vars(user)) for user in accounts.users()]))
+        return unkept_answer(Users(t=time.time(), users=[StaffMember(**vars(user)) for user in accounts.users()]))
 
     @router.post(
         "/users",
@@ -86,7 +86,7 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
         _may_give(request.state.holder, wanted.role)
         user = await run_in_threadpool(accounts.let_in, wanted.name, wanted.role, wanted.password)
         request.state.audit = f"{user.name} as {user.role}"
-        return _json(StaffMember(**vars(user)), 201, {"Location": f"/v1/users/{quote(user.name)}"})
+        return unkept_answer(StaffMember(**vars(user)), 201, {"Location": f"/v1/users/{quote(user.name)}"})
 
     @router.put(
         "/users/{name}",
@@ -104,7 +104,7 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
             _may_give(request.state.holder, wanted.role)
         changed = await run_in_threadpool(accounts.change, name, wanted.role, wanted.password)
         request.state.audit = f"role {wanted.role or 'as before'}, password {'new' if wanted.password else 'as before'}"
-        return _json(StaffMember(**vars(changed)))
+        return unkept_answer(StaffMember(**vars(changed)))
 
     @router.delete("/users/{name}", status_code=204, responses=GONE | errors(403, 404, 409, 503))
     def shut_out(name: str, request: Request) -> Response:
@@ -134,8 +134,3 @@ def _not_more_than_own(holder: Holder, scopes: frozenset[Scope], field: str) -> 
                 allowed=", ".join(sorted(holder.scopes)),
             )
         )
-
-
-def _json(body: msgspec.Struct, status: int = 200, headers: dict[str, str] | None = None) -> Response:
-    told = {"Cache-Control": "no-store", **(headers or {})}
-    return Response(msgspec.json.encode(body), status, told, media_type="application/json")

@@ -159,7 +159,13 @@ class AuditLog:
             SQLAlchemyError: the database is away.
         """
         with self._lock:
-            self._open = {(self._plain(deed), span, number): held for (deed, span, number), held in self._open.items()}
+            plain: dict[tuple[Deed, float, int], _Open] = {}
+            for (deed, span, number), held in self._open.items():
+                key = self._plain(deed), span, number
+                if key in plain:  # a look-up by the pseudonym already: two rows become one
+                    held.times += plain[key].times - plain[key].written
+                plain[key] = held
+            self._open = plain
         self.keep()
         named = select(AuditRow.id, AuditRow.subject, AuditRow.detail)
         if len(devices) <= FEW:

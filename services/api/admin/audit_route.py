@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from typing import Annotated
 
-import msgspec
 from fastapi import APIRouter, Query
 from sqlalchemy import Engine
 from starlette.responses import Response
@@ -13,6 +12,7 @@ from starlette.responses import Response
 from services.api.admin.account_replies import AuditEntry, AuditPage
 from services.api.admin.audit_log import AuditLog
 from services.api.database_away import database_away
+from services.api.json_answer import unkept_answer
 from services.api.openapi import documented
 from services.api.times import TIME, Time
 
@@ -41,15 +41,13 @@ def audit_route(audit: AuditLog, engine: Engine) -> APIRouter:
         """Every change, look-up, picture of a camera and refused attempt, newest first."""
         for text in (who, action):
             if text is not None and not text.isprintable():
-                return _json(AuditPage(t=time.time(), entries=[], next=None))
+                return unkept_answer(AuditPage(t=time.time(), entries=[], next=None))
         with database_away(engine):
             audit.keep()
             rows = audit.read(before, since, until, who, action, limit)
         found = [AuditEntry(**row) for row in rows]
-        return _json(AuditPage(t=time.time(), entries=found, next=found[-1].id if len(found) == limit else None))
+        return unkept_answer(
+            AuditPage(t=time.time(), entries=found, next=found[-1].id if len(found) == limit else None)
+        )
 
     return router
-
-
-def _json(page: AuditPage) -> Response:
-    return Response(msgspec.json.encode(page), headers={"Cache-Control": "no-store"}, media_type="application/json")

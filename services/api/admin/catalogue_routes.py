@@ -16,6 +16,7 @@ from services.api.admin.catalogue import Catalogue, Entry
 from services.api.admin.geojson import CRS, GEOJSON, Crs, Drawing, collection, drawing, placed
 from services.api.admin.shapes import Kind
 from services.api.examples import EXAMPLES
+from services.api.nameless import reads_rules
 from services.api.openapi import GONE, UNCHANGED, created, documented, errors
 from services.api.openapi import drawn as drawn_too
 from services.api.replies import Reply
@@ -66,16 +67,26 @@ def catalogue_routes(
     many_features = collection([one_feature])
     body["requestBody"]["content"][GEOJSON] = {"schema": {"type": "object"}, "example": one_feature}
 
-    def respond(entry: Entry[Any], status: int = 200) -> Response:
+    def unnamed(request: Request) -> Callable[[Any], Any]:
+        return (lambda told: told) if reads_rules(request.state.holder) else kind.unnamed
+
+    def every_one(request: Request) -> bytes:
+        if reads_rules(request.state.holder):
+            return answers.every()
+        told = msgspec.json.decode(answers.every(), type=answers.list_shape)
+        name = f"{kind.name}s"
+        return msgspec.json.encode(msgspec.structs.replace(told, **{name: [*map(kind.unnamed, getattr(told, name))]}))
+
+    def respond(entry: Entry[Any], request: Request, status: int = 200) -> Response:
         headers = {"ETag": entry.etag, **_HEADERS}
         if status == 201:
             headers["Location"] = f"/v1/{kind.name}s/{entry.definition.id}"
-        content = msgspec.json.encode(answers.one(entry))
+        content = msgspec.json.encode(unnamed(request)(answers.one(entry)))
         return Response(content, status, headers, media_type="application/json")
 
-    def drawn(entries: list[Entry[Any]], crs: Crs, *, one: bool = False) -> Response:
-        on_earth = placed(crs, earth)
-        features = [kind.draw(entry.definition, on_earth) for entry in entries]
+    def drawn(entries: list[Entry[Any]], request: Request, crs: Crs, *, one: bool = False) -> Response:
+        on_earth, told = placed(crs, earth), unnamed(request)
+        features = [kind.draw(told(entry.definition), on_earth) for entry in entries]
         content = msgspec.json.encode(features[0] if one else collection(features))
         headers = {"ETag": entries[0].etag} if one else {}
         return Response(content, headers=headers | _HEADERS, media_type=GEOJSON)
@@ -89,24 +100,24 @@ def catalogue_routes(
         return await run_in_threadpool(kind.read, content, floors, geojson=geojson, earth=on_earth, path_id=path_id)
 
     @router.get("", responses=drawn_too(documented(answers.list_shape, 422), many_features) | UNCHANGED)
-    async def all_of_them(asked: Annotated[Drawing, Depends(drawing)]) -> Response:
+    async def all_of_them(request: Request, asked: Annotated[Drawing, Depends(drawing)]) -> Response:
         """All of them; as GeoJSON a FeatureCollection."""
         if asked.geojson:
-            return await run_in_threadpool(drawn, list(catalogue.entries.values()), asked.crs)
-        return Response(answers.every(), headers=_HEADERS, media_type="application/json")
+            return await run_in_threadpool(drawn, list(catalogue.entries.values()), request, asked.crs)
+        return Response(await run_in_threadpool(every_one, request), headers=_HEADERS, media_type="application/json")
 
     @router.post("", status_code=201, responses=created(answers.shape, 409, 413, 422, 503), openapi_extra=body)
     async def add(request: Request, crs: Annotated[Crs, CRS] = "plan") -> Response:
         """Add one; a GeoJSON FeatureCollection adds all that are in it, or none."""
         entries = await run_in_threadpool(catalogue.add, await read(request, crs))
         await changed()
-        return respond(entries[0], 201)
+        return respond(entries[0], request, 201)
 
     @router.get("/{item}", responses=drawn_too(documented(answers.shape, 404, 422), one_feature))
-    async def one_of_them(item: str, asked: Annotated[Drawing, Depends(drawing)]) -> Response:
+    async def one_of_them(item: str, request: Request, asked: Annotated[Drawing, Depends(drawing)]) -> Response:
         """One of them."""
         entry = catalogue.find(item)
-        return drawn([entry], asked.crs, one=True) if asked.geojson else respond(entry)
+        return drawn([entry], request, asked.crs, one=True) if asked.geojson else respond(entry, request)
 
     @router.put("/{item}", responses=documented(answers.shape, 404, 409, 412, 413, 422, 503), openapi_extra=body)
     async def replace(
@@ -121,7 +132,7 @@ def catalogue_routes(
         before, entry = await run_in_threadpool(catalogue.replace, item, definition, if_match)
         request.state.audit = msgspec.json.encode(before.definition).decode()
         await changed()
-        return respond(entry)
+        return respond(entry, request)
 
     @router.delete("/{item}", status_code=204, responses=GONE | errors(404, 409, 412, 503))
     async def remove(item: str, request: Request, if_match: Annotated[str | None, _IF_MATCH] = None) -> Response:

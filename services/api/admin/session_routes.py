@@ -6,7 +6,6 @@ import asyncio
 import hmac
 import math
 
-import msgspec
 from fastapi import APIRouter, Request
 from pydantic import SecretStr
 from starlette.concurrency import run_in_threadpool
@@ -18,6 +17,7 @@ from services.api.admin.audit_layer import claimed
 from services.api.admin.roles import SCOPES_OF, Role
 from services.api.auth import Holder, presented_key, too_many
 from services.api.examples import EXAMPLES
+from services.api.json_answer import unkept_answer
 from services.api.openapi import GONE, documented, errors
 from services.api.problems import Problem, ProblemError
 from services.api.request_body import described, read_struct
@@ -99,7 +99,7 @@ def session_routes(accounts: Accounts, dashboard_key: SecretStr | None) -> APIRo
         role = await role_of(request, told.user, told.password)
         request.state.audit_who = told.user
         made = await run_in_threadpool(accounts.sign_in, told.user, role)
-        return _json(
+        return unkept_answer(
             SignedIn(token=made.token, user=made.user, role=role, scopes=sorted(SCOPES_OF[role]), expires=made.expires)
         )
 
@@ -108,7 +108,7 @@ def session_routes(accounts: Accounts, dashboard_key: SecretStr | None) -> APIRo
         """Whose key or token this is, and what it may do."""
         holder: Holder = request.state.holder
         expires = None if math.isinf(holder.expires) else holder.expires
-        return _json(Session(name=holder.name, role=holder.role, scopes=sorted(holder.scopes), expires=expires))
+        return unkept_answer(Session(name=holder.name, role=holder.role, scopes=sorted(holder.scopes), expires=expires))
 
     @router.delete("", status_code=204, responses=GONE | errors(409, 503))
     async def sign_out(request: Request) -> Response:
@@ -130,7 +130,7 @@ def session_routes(accounts: Accounts, dashboard_key: SecretStr | None) -> APIRo
         request.state.audit_who = f"{holder.name} ({holder.id})"
         await role_of(request, holder.name, told.password)
         await run_in_threadpool(accounts.change, holder.name, None, told.new_password)
-        return _json(Session(name=holder.name, role=holder.role, scopes=[], expires=None))
+        return unkept_answer(Session(name=holder.name, role=holder.role, scopes=[], expires=None))
 
     return router
 
@@ -145,7 +145,3 @@ def _only_people(holder: Holder) -> None:
                 detail="this is a key, not the token of a sign-in: keys are revoked with DELETE /v1/keys/{key}",
             )
         )
-
-
-def _json(body: msgspec.Struct) -> Response:
-    return Response(msgspec.json.encode(body), headers={"Cache-Control": "no-store"}, media_type="application/json")

@@ -13,6 +13,7 @@ import shapely
 from services.api.admin.exhibits import ExhibitDefinition, check_exhibit
 from services.api.admin.geojson import feature, features_of, place_of, point
 from services.api.admin.zone_check import check_zone
+from services.api.nameless import unnamed_rules
 from services.api.request_body import invalid, only_known, read_json
 from shared.site.geographic import PlanOnEarth
 from shared.zones import ZoneDefinition
@@ -38,6 +39,8 @@ class Kind(Generic[D]):
     check: Callable[[D, Floors], None]
     complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda told: told
     """Fills in what a request may leave out because the rest tells it."""
+    unnamed: Callable[[Any], Any] = lambda told: told
+    """Leaves out which phones a definition, or an answer, names."""
 
     def read(
         self, body: bytes, floors: Floors, *, geojson: bool, earth: PlanOnEarth | None, path_id: str | None = None
@@ -119,6 +122,7 @@ ZONE = Kind(
     _undraw_zone,
     check_zone,
     _complete_zone,
+    unnamed_rules,
 )
 EXHIBIT = Kind(
     "exhibit",

@@ -19,6 +19,7 @@ from services.api.alerts.inbox import AcknowledgedError, AlertInbox, Wanted
 from services.api.auth import needs
 from services.api.database_away import database_away
 from services.api.examples import EXAMPLES
+from services.api.json_answer import json_answer
 from services.api.nameless import nameless
 from services.api.openapi import documented
 from services.api.openapi import drawn as drawn_too
@@ -116,7 +117,7 @@ def alert_routes(
             on_earth = placed(drawn.crs, earth)
             body = collection([point(alert.id, alert, on_earth) for alert in rows], t=now, next=following)
             return Response(msgspec.json.encode(body), media_type=GEOJSON)
-        return _json(Alerts(t=now, alerts=rows, next=following))
+        return json_answer(Alerts(t=now, alerts=rows, next=following))
 
     @router.get("/{alert}", responses=documented(InboxAlert, 404, 503))
     def alert(request: Request, alert: str) -> Response:
@@ -124,7 +125,7 @@ def alert_routes(
         with database_away(engine):
             found = told(request, _named(alert, inbox.one))
         saw_rows(request, [found.device, found.other_device])
-        return _json(found)
+        return json_answer(found)
 
     @router.post(
         "/{alert}/acknowledge",
@@ -159,13 +160,9 @@ def alert_routes(
         if seen.acknowledged is not None:
             news = Acknowledged(id=seen.id, acknowledged=seen.acknowledged)
             hub.send("acknowledged", seen.id, news, seen.area, seen.zone)
-        return _json(told(request, seen))
+        return json_answer(told(request, seen))
 
     return router
-
-
-def _json(body: msgspec.Struct) -> Response:
-    return Response(msgspec.json.encode(body), media_type="application/json")
 
 
 def _kinds(text: str | None) -> tuple[str, ...]:

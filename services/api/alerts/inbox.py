@@ -157,10 +157,11 @@ class AlertInbox:
 
     def erase(self, device: str, without: Callable[[str], str]) -> None:
         """Take a device whose consent was withdrawn out of all alerts; ``without`` takes it out of staff's notes."""
-        noted = AlertRow.note.contains(device, autoescape=True)
-        named = or_(AlertRow.device == device, AlertRow.other_device == device, noted)
+        # Two questions, for each of which there is an index.
+        about = or_(AlertRow.device == device, AlertRow.other_device == device)
+        noted = (AlertRow.note != "") & AlertRow.note.contains(device, autoescape=True)
         with Session(self._engine) as session, session.begin():
-            for row in session.scalars(select(AlertRow).where(named)):
+            for row in {row for asked in (about, noted) for row in session.scalars(select(AlertRow).where(asked))}:
                 gone = {name: None for name in ("device", "other_device") if getattr(row, name) == device}
                 row.told = msgspec.json.encode(msgspec.structs.replace(_alert.decode(row.told), **gone))
                 for name in gone:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqlalchemy import BigInteger, Float, ForeignKey, Index, LargeBinary, String, Text
+from sqlalchemy import BigInteger, Float, ForeignKey, Index, LargeBinary, String, Text, text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 __all__ = ["LONGEST_ID", "LONGEST_REASON", "AlertRow", "Base", "DeliveryRow", "EventNumberRow", "WebhookRow"]
@@ -15,11 +15,15 @@ class Base(DeclarativeBase):
     """The tables of alerts and webhooks."""
 
 
+_noted = Index("ix_api_alerts_noted", "seq", sqlite_where=text("note != ''"), postgresql_where=text("note != ''"))
+"""Few alerts have a note; to look through them for a phone is not to look through all."""
+
+
 class AlertRow(Base):
     """One alert; ``seq`` counts them as they came."""
 
     __tablename__ = "api_alerts"
-    __table_args__ = (Index("ix_api_alerts_zone", "zone", "t"), {"sqlite_autoincrement": True})
+    __table_args__ = (Index("ix_api_alerts_zone", "zone", "t"), _noted, {"sqlite_autoincrement": True})
 
     seq: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     id: Mapped[str] = mapped_column(String(LONGEST_ID), unique=True)

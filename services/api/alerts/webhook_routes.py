@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Annotated, TypeVar
 
-import msgspec
 import structlog
 from fastapi import APIRouter, Query, Request
 from sqlalchemy import Engine
@@ -25,6 +24,7 @@ from services.api.alerts.webhook_replies import (
 from services.api.alerts.webhook_store import TooManyError, WebhookStore
 from services.api.auth import needs
 from services.api.database_away import database_away
+from services.api.json_answer import json_answer
 from services.api.openapi import GONE, created, documented, errors
 from services.api.problems import Problem, ProblemError, unknown
 from services.api.request_body import described, invalid, read_struct
@@ -79,7 +79,7 @@ def webhook_routes(
     def webhooks() -> Response:
         """All webhooks and how they are doing."""
         with database_away(engine):
-            return _json(Webhooks(t=time.time(), webhooks=store.all()))
+            return json_answer(Webhooks(t=time.time(), webhooks=store.all()))
 
     @router.post(
         "",
@@ -106,12 +106,12 @@ def webhook_routes(
                 Problem(type="urn:atrium:too-many-webhooks", title="Too many", status=409, detail=str(error))
             ) from error
         log.warning("a webhook was made", webhook=made.id, url=made.url, by=by)
-        return _json(made, 201, {"Location": f"/v1/webhooks/{made.id}"})
+        return json_answer(made, 201, {"Location": f"/v1/webhooks/{made.id}"})
 
     @router.get("/{webhook}", responses=documented(Webhook, 404, 503))
     def one(webhook: str) -> Response:
         """One webhook and how it is doing."""
-        return _json(asked(webhook, store.one))
+        return json_answer(asked(webhook, store.one))
 
     @router.put(
         "/{webhook}",
@@ -124,7 +124,7 @@ def webhook_routes(
         told = await run_in_threadpool(asked, webhook, lambda name: store.change(name, definition))
         log.warning("a webhook was changed", webhook=webhook, url=told.url, by=request.state.holder.name)
         wake()
-        return _json(told)
+        return json_answer(told)
 
     @router.delete("/{webhook}", status_code=204, responses=GONE | errors(404, 503))
     def delete(webhook: str, request: Request) -> Response:
@@ -151,7 +151,7 @@ def webhook_routes(
         saw(request, ALL)
         found = asked(webhook, lambda name: store.dead(name, after, limit + 1))
         following = found[limit - 1].id if len(found) > limit else None
-        return _json(DeadLetters(t=time.time(), dead=found[:limit], next=following))
+        return json_answer(DeadLetters(t=time.time(), dead=found[:limit], next=following))
 
     @router.post("/{webhook}/replay", responses=documented(Replayed, 404, 422, 503))
     def replay(
@@ -165,10 +165,6 @@ def webhook_routes(
         replayed = asked(webhook, lambda name: store.replay(name, letter, time.time()))
         log.warning("dead letters are sent again", webhook=webhook, count=replayed, by=request.state.holder.name)
         wake()
-        return _json(Replayed(replayed=replayed))
+        return json_answer(Replayed(replayed=replayed))
 
     return router
-
-
-def _json(body: msgspec.Struct, status: int = 200, headers: dict[str, str] | None = None) -> Response:
-    return Response(msgspec.json.encode(body), status, headers, media_type="application/json")

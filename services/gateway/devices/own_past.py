@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 import msgspec
-import structlog
 
 from services.gateway.protocol import OwnAlert, OwnKept, OwnLessons, OwnWay
 from shared.bus import Bus
@@ -20,7 +19,7 @@ from shared.history_query import (
     decode_answer,
     numbers,
 )
-from shared.kept import decode_kept
+from shared.kept import rows_of
 from shared.keys import Keys
 from shared.learning_report import LearningReport
 from shared.messages import Alert
@@ -33,8 +32,6 @@ LONGEST = 366.0 * 86400.0
 """Seconds of the past that are asked for at most: as long as a token may be valid."""
 
 A = TypeVar("A", Trajectory, DeviceAlerts)
-
-log = structlog.get_logger(__name__)
 
 
 class AwayError(RuntimeError):
@@ -57,18 +54,9 @@ class OwnPast:
 
     def kept(self) -> list[OwnKept]:
         """Return what each service that answers keeps of people; the same of two processes once."""
-        found: dict[tuple[str, bytes], OwnKept] = {}
-        for key, payload in self._bus.ask(self._keys.kept(), SOON):
-            service = key.split("/")[-2]
-            try:
-                rows = decode_kept(payload)
-            except msgspec.MsgspecError as error:
-                log.warning("what is kept was not understood", service=service, error=str(error))
-                continue
-            for row in rows:
-                told = OwnKept(service=service, what=row.what, seconds=row.seconds, note=row.note)
-                found.setdefault((service, msgspec.json.encode(told)), told)
-        return sorted(found.values(), key=lambda row: row.service)
+        rows, _ = rows_of(self._bus.ask(self._keys.kept(), SOON))
+        told = (OwnKept(service=service, what=row.what, seconds=row.seconds, note=row.note) for service, row in rows)
+        return list(dict.fromkeys(told))  # settings, in which rows may differ, are not told
 
     def learned(self, device: str) -> OwnLessons | None:
         """Return what was learned of a device, None where nothing was.

@@ -134,3 +134,43 @@ def test_alerts_name_phones_only_to_those_who_may_read_positions(here: Api) -> N
     hook = bearer(issue(here, scopes=["webhooks"])["key"])
     wanted = json.dumps({"url": "https://203.0.113.9/x"})
     assert here.client.post("/v1/webhooks", content=wanted, headers=hook).status_code == 403
+
+
+def test_a_track_that_may_be_somebodys_is_a_look_up_of_them(here: Api) -> None:
+    here.people((None, 5.0, 5.0), runner_up=["phone-7"], sources=[["hall-east", "phone-8"]])
+    assert here.client.get("/v1/tracks?limit=4").json()["tracks"][0]["runner_up"] == "phone-7"
+    assert sorted(subject for _, subject, _, _ in noted(here)) == [
+        "/v1/tracks?device=phone-7",
+        "/v1/tracks?device=phone-8",
+    ]
+
+
+def test_who_may_not_see_phones_is_not_told_whom_rules_are_about(here: Api) -> None:
+    rules = [
+        {"id": "vip", "kind": "enter", "devices": ["phone-3", "phone-4"]},
+        {"id": "near", "kind": "proximity", "limit": 2.0, "target": "phone-5"},
+    ]
+    zone = {"id": "vault", "floor": "ground", "points": [[1, 1], [3, 1], [3, 3]], "rules": rules}
+    assert here.client.post("/v1/zones", json=zone).status_code == 201
+    guard, staff = (
+        bearer(issue(here, scopes=["site"])["key"]),
+        bearer(issue(here, scopes=["site", "zones-admin"])["key"]),
+    )
+    for path in ("/v1/zones", "/v1/zones/vault", "/v1/zones?format=geojson", "/v1/zones/vault?format=geojson"):
+        told, whole = (here.client.get(path, headers=who).text for who in (guard, staff))
+        assert "phone-" not in told, path
+        assert told.count("withheld") == whole.count("phone-") == 3
+    assert here.client.get("/v1/zones", headers=guard).json()["zones"][-1]["rules"][0]["devices"] == ["withheld"] * 2
+
+
+def test_an_erasure_keeps_the_look_ups_that_are_not_written_yet(here: Api) -> None:
+    pseudonyms = Pseudonyms()
+    log = AuditLog(here.admin.engine, days=1.0, pseudonyms=pseudonyms)
+    for _ in range(2):
+        log.look_up(Deed("a", "GET", "/v1/positions/phone-3", 200), "key a")
+    pseudonyms.add("phone-3")
+    log.look_up(Deed("a", "GET", "/v1/positions/phone-3", 200), "key a")
+    log.erase(["phone-3"])
+    assert [(row["subject"], row["times"]) for row in log.read(None, None, None, None, None, 10)] == [
+        (pseudonyms.without("/v1/positions/phone-3"), 3)
+    ]

@@ -74,3 +74,8 @@ def test_where_nobody_answers_it_says_who_is_missing(free_port: int) -> None:
     assert f"nobody listens on port {free_port}" in why_no_stream(f"rtsp://127.0.0.1:{free_port}/stream2")
     assert "there is no host no-such-camera.invalid" in why_no_stream("rtsp://viewer:secret@no-such-camera.invalid/1")
     assert "the address is none" in why_no_stream("rtsp://127.0.0.1:port/1")
+
+
+@pytest.mark.parametrize("host", ["192.168.1..20", f"{'x' * 64}.example", "no.such.host.invalid"])
+def test_an_address_nobody_can_have_is_said_to_be_no_host(host: str) -> None:
+    assert f"there is no host {host}" in why_no_stream(f"rtsp://{USER}:{PASSWORD}@{host}:554/x")

@@ -30,6 +30,8 @@ def test_the_first_admin_is_let_in_from_the_command_line(tmp_path: Path, monkeyp
     renewed = CliRunner().invoke(app, ["staff", "password", "otto", "--password-stdin"], input="another password\n")
     assert renewed.exit_code == 0, renewed.output
     assert Accounts(open_admin(url), 1.0, 1.0).is_right("otto", "another password") == "guard"
+    mistyped = CliRunner().invoke(app, ["staff", "password", "otto", "--password-stdin"], input="another\x7fpassword\n")
+    assert mistyped.exit_code == 1, "nobody could sign in with it"
     gone = [CliRunner().invoke(app, ["staff", "remove", name]).exit_code for name in ("otto", "otto", "maria")]
     assert gone == [0, 1, 1], "nobody twice, and the last admin stays"
     assert [user.name for user in Accounts(open_admin(url), 1.0, 1.0).users()] == ["maria"]

@@ -1,5 +1,6 @@
 """Whoever vanishes where no camera can see has not left: nothing is said of it, and they go on when they are found."""
 
+import numpy as np
 import pytest
 import shapely
 from geofence_scene import Scene, a_room, a_site, a_watch, kinds
@@ -63,3 +64,17 @@ def test_zones_are_blind_while_an_area_of_their_floor_is_silent() -> None:
     assert sight.blind_zones([room]) == set()
     sight.areas["hall"].lose()
     assert sight.blind_zones([room, a_room(zone="far", points=[(90, 90), (95, 90), (95, 95)])]) == {"room"}
+
+
+def test_a_camera_that_watches_another_part_hides_what_it_watches_no_more() -> None:
+    sight = AreaSight({"west": shapely.box(-5, 0, 5, 10), "east": shapely.box(5, 0, 15, 10)})
+    for t in (0.0, 0.1):
+        sight.look(t, BOTH)
+    x, y = np.array([WEST[0], EAST[0]]), np.array([WEST[1], EAST[1]])
+    assert sight.hidden(x, y).tolist() == [False, False]
+    sight.follow({"west": shapely.box(3, 0, 5, 10), "east": shapely.box(5, 0, 15, 10)})
+    assert sight.blind == frozenset()
+    for t in (3.0, 3.1):
+        sight.look(t, ["west"])
+    assert sight.blind == {"east"}
+    assert sight.hidden(x, y).tolist() == [True, True]

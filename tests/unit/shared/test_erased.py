@@ -85,3 +85,10 @@ def test_a_revision_says_nothing_of_an_erased_device() -> None:
     erased.add("gone")
     left = erased.from_revision(said)
     assert (left.device, left.since, left.of, left.at) == (["here"], [5.0], [0, 0], [5.0, 6.0])
+
+
+def test_an_erased_device_that_only_fed_a_track_is_gone_from_it() -> None:
+    erased = Erased()
+    erased.add("gone")
+    fed = msgspec.structs.replace(frame(), device=[None, "here"], probability=[0.0, 0.8], runner_up=[None, None])
+    assert erased.from_tracks(fed).sources == [["cam"], ["cam", "here"]]
