@@ -5,15 +5,16 @@ Pictures need the scope ``stills``, saving needs ``setup``; both are in no key t
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
-from services.api.auth import Holder, needs
+from services.api.auth import Holder, needs, too_many
 from services.api.calibration_replies import (
     CALIBRATION_EXAMPLES,
     BoardCorners,
@@ -39,7 +40,7 @@ from services.api.camera_link import CameraLink
 from services.api.json_answer import unkept_answer
 from services.api.live_state import LiveState
 from services.api.openapi import documented, errors
-from services.api.problems import unknown
+from services.api.problems import ProblemError, unknown
 from services.api.request_body import described, read_struct
 from services.api.seen import Seen, saw
 from services.api.setup_desk import SetupDesk
@@ -56,6 +57,11 @@ PLACED = (
     "Saved, and in use within seconds: nothing need be started again. Fusion of {} begins anew with it: everybody "
     "there gets a new number, and phones find their people again."
 )
+
+T = TypeVar("T")
+
+MOST_WAITING = 4
+"""Fits of cameras that wait or run."""
 
 _JPEG: dict[int | str, dict[str, Any]] = {
     200: {
@@ -82,6 +88,7 @@ def calibration_routes(
         told: called after something was saved: tells it to all.
     """
     router = APIRouter(prefix="/v1", tags=["set-up"], default_response_class=Response)
+    fitting = _Turns()
     link, desk = CameraLink(Keys(site.site), ask), SetupDesk(site_file, site, told)
 
     @router.post("/cameras/{camera}/still", responses=documented(StillOpened, 404, 409, 422, 429, 503))
@@ -123,11 +130,12 @@ def calibration_routes(
 
     @router.post(
         "/cameras/{camera}/calibration/try",
-        responses=documented(CalibrationTrial, 404, 409, 413, 422),
+        responses=documented(CalibrationTrial, 404, 409, 413, 422, 429),
         openapi_extra=described(CalibrationTry, CALIBRATION_EXAMPLES[CalibrationTry]),
     )
     async def attempt(request: Request, camera: str) -> Response:
         """Fit a camera to pairs: residuals, a suspected wrong click, the floor's grid in the picture; stores none."""
+        needs(request.state.holder, "setup")
         named = _camera(site, camera)
         order = await read_struct(request, CalibrationTry, LARGEST)
 
@@ -141,11 +149,11 @@ def calibration_routes(
             except (GeometryError, ValueError) as error:
                 raise unfit(str(error)) from error
 
-        return unkept_answer(await run_in_threadpool(work))
+        return unkept_answer(await fitting.run(work))
 
     @router.post(
         "/cameras/{camera}/calibration",
-        responses=documented(CalibrationSaved, 404, 409, 413, 422, 503),
+        responses=documented(CalibrationSaved, 404, 409, 413, 422, 429, 503),
         openapi_extra=described(CalibrationSave, CALIBRATION_EXAMPLES[CalibrationSave]),
     )
     async def save(request: Request, camera: str) -> Response:
@@ -157,7 +165,7 @@ def calibration_routes(
         def work() -> CalibrationSaved:
             return save_calibration(site, desk, live, named, order, _name(request))
 
-        return unkept_answer(await run_in_threadpool(work))
+        return unkept_answer(await fitting.run(work))
 
     @router.get("/access-points", responses=documented(Placements, 409))
     def placements() -> Response:
@@ -203,6 +211,30 @@ def calibration_routes(
         return unkept_answer(await run_in_threadpool(work))
 
     return router
+
+
+class _Turns:
+    """Lets one fit run at a time: many pairs that do not fit each other take seconds of a processor."""
+
+    def __init__(self) -> None:
+        self._free = asyncio.Lock()
+        self._waiting = 0
+
+    async def run(self, work: Callable[[], T]) -> T:
+        """Do the work in a thread when it is its turn.
+
+        Raises:
+            ProblemError: too many wait already.
+        """
+        if self._waiting >= MOST_WAITING:
+            problem, headers = too_many(f"{MOST_WAITING} fits of cameras wait already", 5.0)
+            raise ProblemError(problem, headers)
+        self._waiting += 1
+        try:
+            async with self._free:
+                return await run_in_threadpool(work)
+        finally:
+            self._waiting -= 1
 
 
 def _camera(site: Site, camera: str) -> Camera:

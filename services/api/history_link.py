@@ -106,7 +106,7 @@ def _refused(refusal: Refusal) -> ProblemError:
     missing = refusal.field in _UNKNOWN
     return ProblemError(
         Problem(
-            type=f"urn:atrium:unknown-{refusal.field}" if missing else "urn:atrium:invalid-value",
+            type=f"urn:atrium:unknown-{refusal.field.replace('_', '-')}" if missing else "urn:atrium:invalid-value",
             title=f"Unknown {refusal.field}" if missing else "Invalid value",
             status=404 if missing else 422,
             detail=refusal.words,

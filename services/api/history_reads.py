@@ -18,7 +18,7 @@ from services.api.history_replies import DwellReport, FlowReport, HeatMapReport,
 from services.api.history_seats import HistorySeats
 from services.api.json_answer import json_answer
 from services.api.openapi import documented
-from services.api.problems import ProblemError, invalid_value, unknown
+from services.api.problems import ProblemError, check_order, invalid_value, unknown
 from services.api.seen import Seen, saw
 from services.api.times import TIME, Time
 from shared.history_query import (
@@ -225,6 +225,7 @@ def _places(at: str, exhibits: Callable[[], list[ZoneDefinition]]) -> list[ZoneD
 
 def _period(since: float | None, until: float | None, day: str | None, zone: ZoneInfo) -> tuple[float, float]:
     """Return what is asked for as two times."""
+    check_order(since, until)
     if day is None:
         now = time.time()
         end = now if until is None else until

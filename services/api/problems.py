@@ -9,10 +9,11 @@ from fastapi import FastAPI, Request, WebSocket
 from fastapi.exceptions import RequestValidationError, WebSocketRequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
+from starlette.routing import Match
 
 from services.api.times import TIME
 
-__all__ = ["MEDIA_TYPE", "Problem", "ProblemError", "invalid_value", "problem_response", "tell_problems"]
+__all__ = ["MEDIA_TYPE", "Problem", "ProblemError", "check_order", "invalid_value", "problem_response", "tell_problems"]
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -55,7 +56,7 @@ def unknown(what: str, found: str, allowed: list[str] | None = None) -> ProblemE
     listed = None if allowed is None else ", ".join(allowed) or "none: the site file names no " + what
     return ProblemError(
         Problem(
-            type=f"urn:atrium:unknown-{what}",
+            type=f"urn:atrium:unknown-{what.replace(' ', '-').replace('_', '-')}",
             title=f"Unknown {what}",
             status=404,
             detail=f"there is no {what} {_shorten(found)!r}"
@@ -78,6 +79,16 @@ def invalid_value(field: str, found: str, allowed: str, detail: str = "") -> Pro
         found=found,
         allowed=allowed,
     )
+
+
+def check_order(since: float | None, until: float | None) -> None:
+    """Refuse a period that ends before it begins.
+
+    Raises:
+        ProblemError: it does.
+    """
+    if since is not None and until is not None and until < since:
+        raise ProblemError(invalid_value("until", f"{until:g}", f"a time after since, which is {since:g}"))
 
 
 def problem_response(problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
@@ -111,8 +122,10 @@ def tell_problems(app: FastAPI) -> None:
 
     @app.exception_handler(HTTPException)
     async def refused(request: Request, error: HTTPException) -> Response:
-        allowed = (error.headers or {}).get("Allow")
         wrong_method = error.status_code == 405
+        headers = dict(error.headers or {})
+        if wrong_method:
+            headers["Allow"] = _methods(request)
         title = "Method not allowed" if wrong_method else "Not found" if error.status_code == 404 else "Refused"
         return problem_response(
             Problem(
@@ -122,9 +135,9 @@ def tell_problems(app: FastAPI) -> None:
                 detail=f"{request.method} {_shorten(request.url.path)}: {error.detail}",
                 field="method" if wrong_method else "path",
                 found=request.method if wrong_method else _shorten(request.url.path),
-                allowed=allowed if wrong_method else "the paths listed at /docs",
+                allowed=headers["Allow"] if wrong_method else "the paths listed at /docs",
             ),
-            error.headers,
+            headers,
         )
 
     @app.exception_handler(Exception)
@@ -139,10 +152,24 @@ def tell_problems(app: FastAPI) -> None:
         )
 
 
+def _methods(request: Request) -> str:
+    """Return the methods of all routes of a path: the framework tells those of the first."""
+    routes = request.app.routes
+    taken = (
+        method
+        for method in ("DELETE", "GET", "POST", "PUT")
+        if any(route.matches({**request.scope, "method": method})[0] is Match.FULL for route in routes)
+    )
+    return ", ".join(taken)
+
+
 def _first_of(error: RequestValidationError | WebSocketRequestValidationError) -> Problem:
     first = error.errors()[0]
     field = str(first["loc"][-1]) if first["loc"] else "request"
-    return invalid_value(field, _shorten(str(first.get("input"))), _ALLOWED.get(field, str(first["msg"])))
+    words = str(first["msg"])
+    if not first["type"].startswith("int_") and first["type"] != "greater_than_equal":  # the id of an entry, not a time
+        words = _ALLOWED.get(field, words)
+    return invalid_value(field, _shorten(str(first.get("input"))), words)
 
 
 def _shorten(text: str) -> str:

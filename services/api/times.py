@@ -8,9 +8,12 @@ from typing import Annotated, Any
 
 from pydantic import AllowInfNan, BeforeValidator, WithJsonSchema
 
-__all__ = ["TIME", "Time", "seconds_of"]
+__all__ = ["TIME", "YEAR_9999", "Time", "seconds_of"]
 
 TIME = "seconds since the epoch (UTC) such as 1767225600.0, or RFC 3339 such as 2026-01-01T00:00:00Z"
+
+YEAR_9999 = 253_370_764_800.0
+"""Seconds since the epoch at which it begins: calendars do not go on."""
 
 
 def seconds_of(told: Any) -> Any:

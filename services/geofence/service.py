@@ -99,7 +99,10 @@ class GeofenceService(Service[GeofenceSettings]):
             log.info("the site file names no zones, and nobody drew any yet: there is nothing to watch")
         self.health.ready.set()
         while not self.stopping.is_set():
-            for delivery in self._inbox.receive(timeout=0.5):
+            received = self._inbox.receive(timeout=0.5)
+            # Staff may change zones faster than many of them are made ready: what was changed again is passed over.
+            newest = max((one.message.version for one in received if isinstance(one.message, ZoneSet)), default=0)
+            for delivery in received:
                 message, origin = delivery.message, delivery.trace.origin
                 if isinstance(message, TrackFrame):
                     self._take(self._erased.from_tracks(message), origin)
@@ -108,7 +111,8 @@ class GeofenceService(Service[GeofenceSettings]):
                 elif isinstance(message, Erasure):
                     self._erase(message.device)
                 elif isinstance(message, ZoneSet):
-                    self._follow(message)
+                    if message.version == newest:
+                        self._follow(message)
                 elif isinstance(message, SetupTold) and self._followed.take(message):
                     self._look_anew(self._followed.site)
             self._watch_silence()

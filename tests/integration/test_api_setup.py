@@ -137,7 +137,8 @@ def test_a_still_is_given_to_who_may_have_it_after_it_was_opened_and_everything_
 
 def test_a_trial_tells_residuals_grid_and_the_wrong_click_and_stores_nothing(system: System) -> None:
     order: dict[str, Any] = {"image_size": SIZE, "pairs": pairs()}
-    told = system.post(f"/cameras/{OPEN}/calibration/try", order, key="the-key-of-a-reader")
+    assert system.post(f"/cameras/{OPEN}/calibration/try", order, 403, key="the-key-of-a-reader")["found"]
+    told = system.post(f"/cameras/{OPEN}/calibration/try", order)
     assert told["median_metres"] < 0.01
     assert told["median_alone_metres"] < 0.01
     assert told["position"] == pytest.approx([10, -4, 6], abs=0.02)

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from waiting import wait_until
 
 from services.geofence.service import GeofenceService
 from services.geofence.settings import GeofenceSettings
-from services.geofence.zone_plan import MOST_ZONES
+from services.geofence.zone_plan import MOST_ZONES, ZonePlan
 from shared.bus import Bus, Inbox, router
 from shared.keys import Keys
 from shared.messages import Alert, Erasure, ErasureDone, Message, Occupancy, TrackFrame
@@ -378,3 +378,28 @@ def test_what_cameras_watch_is_taken_up_as_it_is_set_up(site: Site, project: Pat
         publisher = bus.publisher(KEYS.setup(), SetupTold, cached=True)
         publisher.publish(SetupTold(t=1.0, version=1, setup=setup.model_dump_json()))
         wait_until(lambda: service._sight.areas["hall"].views["hall-east"].area < before / 2, DEADLINE, "the new view")
+
+
+def test_of_zones_that_changed_many_times_meanwhile_only_the_newest_are_made_ready(
+    site: Site, project: Path, zenoh_router: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[int] = []
+    held, plan = threading.Event(), GeofenceService._plan
+
+    def slowly(self: GeofenceService, found: Sequence[ZoneDefinition], version: int) -> ZonePlan:
+        made.append(version)
+        if version == 1:
+            assert held.wait(DEADLINE)
+        return plan(self, found, version)
+
+    monkeypatch.setattr(GeofenceService, "_plan", slowly)
+    with running(site, project, zenoh_router) as service, Bus([zenoh_router]) as bus:
+        publisher = bus.publisher(KEYS.zones(), ZoneSet)
+        publisher.publish(zones(1, west("enter")))
+        wait_until(lambda: 1 in made, DEADLINE, "the first")
+        for version in range(2, 30):
+            publisher.publish(zones(version, west("enter", "exit")))
+        wait_until(lambda: len(service._inbox._waiting) == 28, DEADLINE, "all of them to wait")
+        held.set()
+        wait_until(lambda: service._version == 29, DEADLINE, "the newest")
+    assert made == [0, 1, 29]

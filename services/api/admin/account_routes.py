@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from urllib.parse import quote
 
@@ -20,6 +19,7 @@ from services.api.openapi import GONE, created, documented, errors
 from services.api.problems import Problem, ProblemError
 from services.api.request_body import described, invalid, read_struct
 from services.api.settings import Scope
+from services.api.times import YEAR_9999
 
 __all__ = ["account_routes"]
 
@@ -50,8 +50,9 @@ def account_routes(accounts: Accounts, key_rate: float) -> APIRouter:
     async def issue(request: Request) -> Response:
         """Issue a key; the secret is told in this answer and nowhere else."""
         wanted = await read_struct(request, NewKey, LARGEST, "name, scopes, and expires, rate if wanted")
-        if wanted.expires is not None and not time.time() < wanted.expires < math.inf:
-            raise invalid("expires", f"{wanted.expires:g}", "seconds since the epoch, in the future; or null: never")
+        if wanted.expires is not None and not time.time() < wanted.expires < YEAR_9999:
+            allowed = "seconds (not milliseconds) since the epoch, in the future and before the year 9999; null: never"
+            raise invalid("expires", f"{wanted.expires:g}", allowed)
         _not_more_than_own(request.state.holder, frozenset(wanted.scopes), "scopes")
         scopes = sorted(set(wanted.scopes))
         key, secret = await run_in_threadpool(

@@ -19,15 +19,16 @@ import structlog
 from sqlalchemy import Engine, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
-from services.api.admin.passwords import NOBODY, hash_password, is_password
+from services.api.admin.passwords import NOBODY, SHORTEST, hash_password, is_password
 from services.api.admin.roles import SCOPES_OF, Role
 from services.api.admin.tables import KeyRow, SessionRow, UserRow
 from services.api.auth import Holder
 from services.api.database_away import database_away
-from services.api.problems import Problem, ProblemError, unknown
+from services.api.problems import Problem, ProblemError, invalid_value, unknown
 from services.api.settings import ALL_SCOPES, Scope
 from shared.database import unreachable
 from shared.runner import ServiceError
+from shared.weak_secrets import why_weak
 
 __all__ = ["Accounts", "IssuedKey", "SignIn", "User"]
 
@@ -173,6 +174,11 @@ class Accounts:
         Raises:
             ProblemError: the name is taken, there are too many, or the database is away.
         """
+        alike = next((user.name for user in self.users() if user.name.casefold() == name.casefold()), name)
+        if alike != name:
+            words = f"{alike} is somebody's; names that differ in capitals only are taken for each other"
+            raise _refused("id-taken", "Name taken", words)
+        _strong(password)
         user = User(name, role, self._clock())
         row = {"name": name, "role": role, "password": hash_password(password), "created": user.created}
         self._change(insert(UserRow).values(row), most=(select(func.count()).select_from(UserRow), MOST_USERS, "user"))
@@ -186,6 +192,7 @@ class Accounts:
         """
         values: dict[str, Any] = {} if role is None else {"role": role}
         if password is not None:
+            _strong(password)
             values["password"] = hash_password(password)
         if not self._change(
             update(UserRow).where(UserRow.name == name).values(values or {"name": name}),
@@ -299,6 +306,17 @@ def _scopes(text: str) -> list[Scope]:
 def _digest(secret: str) -> bytes:
     # The secrets are random and long: nothing slower than this is needed to keep them.
     return hashlib.sha256(secret.encode()).digest()
+
+
+def _strong(password: str) -> None:
+    """Refuse a password that is guessed first.
+
+    Raises:
+        ProblemError: this one is.
+    """
+    weak = why_weak(password, SHORTEST)
+    if weak is not None:
+        raise ProblemError(invalid_value("password", "one that " + weak, "one that nobody guesses"))
 
 
 def _refused(kind: str, title: str, detail: str) -> ProblemError:

@@ -14,6 +14,7 @@ from services.api.admin.audit_log import AuditLog
 from services.api.database_away import database_away
 from services.api.json_answer import unkept_answer
 from services.api.openapi import documented
+from services.api.problems import check_order
 from services.api.times import TIME, Time
 
 __all__ = ["audit_route"]
@@ -39,6 +40,7 @@ def audit_route(audit: AuditLog, engine: Engine) -> APIRouter:
         limit: Annotated[int, Query(ge=1, le=1000, description="at most this many")] = 100,
     ) -> Response:
         """Every change, look-up, picture of a camera and refused attempt, newest first."""
+        check_order(since, until)
         for text in (who, action):
             if text is not None and not text.isprintable():
                 return unkept_answer(AuditPage(t=time.time(), entries=[], next=None))

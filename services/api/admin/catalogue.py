@@ -121,7 +121,8 @@ class Catalogue(Generic[D]):
             taken = set(self.entries)
             for definition in definitions:
                 if definition.id in taken:
-                    raise self._refusal(409, "id-taken", "Id taken", f"there is a {self._kind} of that id", "id")
+                    words = f"there is a {self._kind} of that id"
+                    raise self._refusal(409, "id-taken", "Id taken", words, "id", definition.id)
                 taken.add(definition.id)
             place = max((entry.place for entry in self.entries.values()), default=-1) + 1
             added = [_entry(self._clean(definition), place + n) for n, definition in enumerate(definitions)]
@@ -211,11 +212,12 @@ class Catalogue(Generic[D]):
         body = msgspec.json.encode(entry.definition).decode()
         return {"kind": self._kind, "id": entry.definition.id, "place": entry.place, "body": body}
 
-    def _refusal(self, status: int, kind: str, title: str, detail: str, field: str | None) -> ProblemError:
+    def _refusal(
+        self, status: int, kind: str, title: str, detail: str, field: str | None, found: str | None = None
+    ) -> ProblemError:
+        detail = f"{self._kind}: {detail}"
         return ProblemError(
-            Problem(
-                type=f"urn:atrium:{kind}", title=title, status=status, detail=f"{self._kind}: {detail}", field=field
-            )
+            Problem(type=f"urn:atrium:{kind}", title=title, status=status, detail=detail, field=field, found=found)
         )
 
 

@@ -13,6 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from services.api.admin.catalogue import Catalogue, Entry
+from services.api.admin.conditions import check_none_match
 from services.api.admin.geojson import CRS, GEOJSON, Crs, Drawing, collection, drawing, placed
 from services.api.admin.shapes import Kind
 from services.api.examples import EXAMPLES
@@ -29,6 +30,9 @@ __all__ = ["Answers", "catalogue_routes"]
 LARGEST = 4 * 2**20
 """Bytes."""
 _IF_MATCH = Header(description="the ETag that was read: refuse with 412 if it was changed meanwhile")
+_IF_NONE_MATCH = Header(
+    description="* asks to replace nothing: refused with 412, new ones are added by POST"
+)
 
 _HEADERS = {"Cache-Control": "no-store", "Vary": "Accept"}
 
@@ -125,9 +129,10 @@ def catalogue_routes(
         request: Request,
         crs: Annotated[Crs, CRS] = "plan",
         if_match: Annotated[str | None, _IF_MATCH] = None,
+        if_none_match: Annotated[str | None, _IF_NONE_MATCH] = None,
     ) -> Response:
         """Put another definition in the place of one."""
-        catalogue.find(item)
+        check_none_match(if_none_match, catalogue.find(item).etag)
         (definition,) = await read(request, crs, item)
         before, entry = await run_in_threadpool(catalogue.replace, item, definition, if_match)
         request.state.audit = msgspec.json.encode(before.definition).decode()

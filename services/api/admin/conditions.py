@@ -6,7 +6,7 @@ from hashlib import blake2b
 
 from services.api.problems import Problem, ProblemError
 
-__all__ = ["check_match", "etag_of"]
+__all__ = ["check_match", "check_none_match", "etag_of"]
 
 
 def etag_of(body: bytes) -> str:
@@ -34,3 +34,25 @@ def check_match(if_match: str | None, etag: str) -> None:
         ),
         {"ETag": etag},
     )
+
+
+def check_none_match(if_none_match: str | None, etag: str) -> None:
+    """Refuse a change that is wanted only where nothing is, or where it is not what somebody has already.
+
+    Raises:
+        ProblemError: it is there.
+    """
+    if if_none_match is None:
+        return
+    if if_none_match.strip() == "*" or etag in [part.strip() for part in if_none_match.split(",")]:
+        raise ProblemError(
+            Problem(
+                type="urn:atrium:there-already",
+                title="There already",
+                status=412,
+                detail="it is there already, and you asked not to replace it",
+                field="If-None-Match",
+                found=if_none_match[:100],
+                allowed="no If-None-Match, or another tag",
+            )
+        )

@@ -10,9 +10,9 @@ from typing import Any, Generic, TypeVar
 import msgspec
 import shapely
 
-from services.api.admin.exhibits import ExhibitDefinition, check_exhibit
+from services.api.admin.exhibits import MOST_EXHIBITS, ExhibitDefinition, check_exhibit
 from services.api.admin.geojson import feature, features_of, place_of, point
-from services.api.admin.zone_check import check_zone
+from services.api.admin.zone_check import MOST_ZONES, check_zone
 from services.api.nameless import unnamed_rules
 from services.api.request_body import invalid, only_known, read_json
 from shared.site.geographic import PlanOnEarth
@@ -41,6 +41,8 @@ class Kind(Generic[D]):
     """Fills in what a request may leave out because the rest tells it."""
     unnamed: Callable[[Any], Any] = lambda told: told
     """Leaves out which phones a definition, or an answer, names."""
+    most: int = MOST_ZONES
+    """As many may come at once."""
 
     def read(
         self, body: bytes, floors: Floors, *, geojson: bool, earth: PlanOnEarth | None, path_id: str | None = None
@@ -58,6 +60,9 @@ class Kind(Generic[D]):
             ProblemError: something does not fit; nothing of it is to be taken.
         """
         told = read_json(body, self.allowed)
+        many = told.get("features") if geojson and isinstance(told, dict) else None
+        if isinstance(many, list) and len(many) > self.most:
+            raise invalid("features", f"{len(many)}", f"at most {self.most} at once")
         parts = [self.undraw(one, earth) for one in features_of(told, earth)] if geojson else [told]
         if path_id is not None and len(parts) != 1:
             raise invalid("features", f"{len(parts)}", "one")
@@ -77,6 +82,10 @@ class Kind(Generic[D]):
 def _complete_zone(told: dict[str, Any]) -> dict[str, Any]:
     """Two points are a line, more an area; rules are called what they tell, numbered where one kind comes twice."""
     points, rules = told.get("points"), told.get("rules")
+    if isinstance(points, list) and len(points) > 2:
+        once = [here for before, here in itertools.pairwise([None, *points]) if here != before]
+        told = told | {"points": once[:-1] if len(once) > 3 and once[0] == once[-1] else once}
+        points = told["points"]
     if "shape" not in told and isinstance(points, list) and len(points) == 2:
         told = told | {"shape": "line"}
     if not isinstance(rules, list) or not all(isinstance(rule, dict) for rule in rules):
@@ -132,4 +141,5 @@ EXHIBIT = Kind(
     _draw_exhibit,
     _undraw_exhibit,
     check_exhibit,
+    most=MOST_EXHIBITS,
 )

@@ -23,7 +23,7 @@ from services.api.json_answer import json_answer
 from services.api.nameless import nameless
 from services.api.openapi import documented
 from services.api.openapi import drawn as drawn_too
-from services.api.problems import Problem, ProblemError, unknown
+from services.api.problems import Problem, ProblemError, check_order, unknown
 from services.api.request_body import described, invalid, read_body, read_object
 from services.api.seen import ALL, Seen, saw, saw_rows
 from services.api.stream import Hub
@@ -89,6 +89,7 @@ def alert_routes(
 
         Which phones it was about (`device`, `other_device`) is told to keys with the scope `positions` too.
         """
+        check_order(since, until)
         wanted = Wanted(since, until, zone, area, device, _kinds(kinds), acknowledged)
         with database_away(engine):
             if zone is not None and zone not in zones() and not (is_identifier(zone) and inbox.has_zone(zone)):

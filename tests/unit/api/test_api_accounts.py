@@ -419,3 +419,20 @@ def test_placing_access_points_needs_to_read_the_site_and_to_set_it_up(tmp_path:
         for scopes, status in ((["setup"], 403), (["site"], 403), (["setup", "site"], 422)):
             shown = {"Authorization": f"Bearer {issue(here, scopes=scopes)['key']}"}
             assert here.client.post("/v1/access-points", content=b"{}", headers=shown).status_code == status
+
+
+@pytest.mark.parametrize(
+    ("path", "order", "status", "field"),
+    [
+        ("keys", {"name": "far", "scopes": ["site"], "expires": 4_102_444_800_000}, 422, "expires"),
+        ("users", {"name": "weak", "role": "guard", "password": "aaaaaaaaaaaa"}, 422, "password"),
+        ("users", {"name": "weak", "role": "guard", "password": "atrium-admin1"}, 422, "password"),
+        ("users", {"name": "MARIA", "role": "guard", "password": PASSWORD}, 409, "name"),
+    ],
+)
+def test_what_is_guessed_or_mistaken_is_refused(
+    here: Api, path: str, order: dict[str, Any], status: int, field: str
+) -> None:
+    here.client.post("/v1/users", json={"name": "maria", "role": "admin", "password": PASSWORD})
+    told = here.client.post(f"/v1/{path}", json=order)
+    assert (told.status_code, told.json()["field"]) == (status, field)
