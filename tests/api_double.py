@@ -45,6 +45,8 @@ class Double:
     """Of its health."""
     scopes: list[str] = field(default_factory=lambda: ["acknowledge", "zones-admin"])
     """Of the key, as far as the pages look at them."""
+    key_ends: float = 2e9
+    """When the one key of a program ends."""
     refuse: dict[str, Any] | None = None
     """With which problem the next change is refused."""
 
@@ -123,6 +125,32 @@ def _app(double: Double, stopping: threading.Event) -> FastAPI:
     @app.get("/v1/session")
     async def session() -> Response:
         return _json({"name": "office", "role": None, "scopes": double.scopes, "expires": None})
+
+    @app.get("/v1/users")
+    async def users() -> Response:
+        return _json({"users": [{"name": "anna", "role": "guard", "created": 1.7e9}]})
+
+    @app.get("/v1/keys")
+    async def keys() -> Response:
+        row = {"id": "k1", "name": "the dashboard", "scopes": ["read", "zones-admin"], "rate": 50.0, "created": 1.7e9}
+        return _json({"keys": [row | {"expires": double.key_ends}]})
+
+    @app.get("/v1/webhooks")
+    async def webhooks() -> Response:
+        row = {
+            "id": "w1",
+            "name": "the guards",
+            "url": "https://guards.example/alerts",
+            "kinds": ["crowd"],
+            "zones": [],
+        }
+        state = {"enabled": True, "waiting": 0, "dead": 2, "last_success": 1.7e9, "last_reason": "status 503"}
+        return _json({"webhooks": [row | state]})
+
+    @app.get("/v1/audit")
+    async def audit() -> Response:
+        row = {"t": 1.7e9, "who": "dashboard", "action": "change the zone", "subject": "zones/entrance", "status": 200}
+        return _json({"entries": [row | {"times": 1, "detail": '{"points": [[7, 0], [13, 0]]}'}], "next": None})
 
     @app.get("/v1/zones")
     async def zones() -> Response:
@@ -222,6 +250,7 @@ def _app(double: Double, stopping: threading.Event) -> FastAPI:
             {"id": "entrance", "people": 412, "visits": 530, "mean": 48.0, "median": 22.0, "p90": 130.0},
             {"id": "model-corner", "people": None, "visits": None, "mean": None, "median": None, "p90": None},
         ]
+        rows += [rows[1] | {"id": name} for name in list(double.zones)[2:] if name.startswith("z")][:148]
         return _json({"since": since, "until": until, "places": rows})
 
     @app.get("/v1/flows")

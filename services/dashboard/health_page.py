@@ -19,12 +19,12 @@ _BODY = """
   <ul id="health-problems" class="problems"></ul>
 </section>
 <section class="card" aria-labelledby="areas-heading">
-  <h2 id="areas-heading">Areas</h2><div id="health-areas"></div>
+  <h2 id="areas-heading">Areas</h2><div id="health-areas" class="scroll"></div>
 </section>
 <section class="card" aria-labelledby="cams-heading">
-  <h2 id="cams-heading">Cameras</h2><div id="health-cameras"></div>
+  <h2 id="cams-heading">Cameras</h2><div id="health-cameras" class="scroll"></div>
 </section>
 <section class="card wide" aria-labelledby="services-heading">
-  <h2 id="services-heading">Programs</h2><div id="health-services"></div>
+  <h2 id="services-heading">Programs</h2><div id="health-services" class="scroll"></div>
 </section>
 """

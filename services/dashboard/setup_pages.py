@@ -116,7 +116,7 @@ _POINTS = f"""
     aria-label="Floor plan. {_KEYS}" title="{_KEYS}"></canvas></section>
   <section aria-labelledby="points-heading">
     <h2 id="points-heading">Access points <span>metres; z above this floor</span></h2>
-    <div class="scroll"><table>
+    <div class="scroll"><table class="places">
       <thead><tr><th>Access point</th><th>x</th><th>y</th><th>z</th>
         <th><span class="unseen">State</span></th></tr></thead>
       <tbody id="points-list"></tbody>

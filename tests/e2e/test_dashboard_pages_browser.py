@@ -408,8 +408,7 @@ def test_staff_erase_a_phone_by_its_id_typed_twice_and_see_the_stores_follow(
 
 @pytest.mark.parametrize("path", ["/", "/alerts", "/visits", "/zones", "/health", "/privacy", "/administration"])
 def test_on_a_phone_no_page_is_wider_than_the_screen(system: tuple[str, Double], browser: WebDriver, path: str) -> None:
-    size = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    _be_phone(browser, 390)
     url, double = system
     # A name as long as the API takes it, without a place to break.
     double.keep(ZoneDefinition(id="long", name="W" * 200, floor="ground", points=[(1.0, 1.0), (4.0, 1.0), (4.0, 4.0)]))
@@ -423,7 +422,87 @@ def test_on_a_phone_no_page_is_wider_than_the_screen(system: tuple[str, Double],
         assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
     finally:
         del double.zones["long"], double.alerts[0]
-        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+        _be_no_phone(browser)
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize("path", ["/privacy", "/health", "/administration", "/visits"])
+def test_no_word_of_a_table_is_broken(
+    system: tuple[str, Double], browser: WebDriver, path: str, width: int, tmp_path: Path
+) -> None:
+    url, double = system
+    double.scopes, before = ["accounts", "webhooks", "audit"], double.scopes
+    _be_phone(browser, width)
+    try:
+        browser.get(url + path)
+        wait_until(lambda: browser.find_elements(By.CSS_SELECTOR, ".page td"), 20, "a table")
+        (tmp_path / "tables.png").write_bytes(_whole_page(browser))
+        assert browser.execute_script(_BROKEN_WORDS) == []
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+    finally:
+        double.scopes = before
+        _be_no_phone(browser)
+
+
+def test_a_time_beyond_all_dates_leaves_the_others_readable(system: tuple[str, Double], browser: WebDriver) -> None:
+    url, double = system
+    double.scopes, scopes = ["accounts"], double.scopes
+    double.key_ends, ends = 1e300, double.key_ends
+    try:
+        browser.get(f"{url}/administration")
+        row = wait_until(lambda: _found(browser, "#keys-part tbody tr"), 20, "the key")
+        assert "never" in row.text
+    finally:
+        double.scopes, double.key_ends = scopes, ends
+
+
+def test_many_zones_are_asked_in_longer_steps_and_listed_when_wished(
+    system: tuple[str, Double], browser: WebDriver
+) -> None:
+    url, double = system
+    before = dict(double.zones)
+    for number in range(2000):
+        double.keep(ZoneDefinition(id=f"z{number}", floor="ground", points=[(1.0, 1.0), (2.0, 1.0), (2.0, 2.0)]))
+    try:
+        double.asked.clear()
+        browser.get(f"{url}/visits")
+        Select(wait_until(lambda: _found(browser, "#visits-period"), 20, "the period")).select_by_value("1")
+        asked = "GET /v1/occupancy"
+        wait_until(lambda: any(line.startswith(asked) for line in double.asked), 20, "the question")
+        wait_until(lambda: _shown(browser, "#occupancy-picture"), 20, "the picture")
+        for line in double.asked:
+            if line.startswith(asked):
+                query = httpx.QueryParams(line.partition("?")[2])
+                steps = (float(query["until"]) - float(query["since"])) / int(query["step"])
+                assert steps * len(double.zones) <= 50_000
+        script = "return document.querySelectorAll('#dwell-table tbody tr').length"
+        wait_until(lambda: browser.execute_script(script) == 100, 20, "the first stays")
+        button(browser, "Show all 150").click()
+        assert browser.execute_script(script) == 150
+    finally:
+        double.zones = before
+
+
+def test_on_a_touch_screen_what_is_touched_is_large_enough(
+    system: tuple[str, Double], browser: WebDriver, tmp_path: Path
+) -> None:
+    url, double = system
+    double.raise_alert()
+    double.scopes, before = [*double.scopes, "accounts"], double.scopes
+    _be_phone(browser, 390)
+    browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True})
+    touched = {"/": "#atrium-layers input", "/alerts": ".alerts a", "/administration": "#keys-part .days input"}
+    try:
+        for path, selector in touched.items():
+            browser.get(url + path)
+            wait_until(lambda: _found(browser, selector), 20, "what is touched")  # noqa: B023
+            (tmp_path / f"touch-{path[1:]}.png").write_bytes(_whole_page(browser))
+            sizes = browser.execute_script(_SIZES, selector)
+            assert min(min(size) for size in sizes) >= 24
+    finally:
+        double.scopes = before
+        browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
+        _be_no_phone(browser)
 
 
 def test_the_key_of_the_api_never_reaches_the_browser(system: tuple[str, Double], browser: WebDriver) -> None:
@@ -431,6 +510,26 @@ def test_the_key_of_the_api_never_reaches_the_browser(system: tuple[str, Double]
         assert KEY not in httpx.get(system[0] + path).text
 
 
+# Words of letters alone that stand on more than one line, by the boxes their letters have.
+_BROKEN_WORDS = """
+const broken = [];
+for (const cell of document.querySelectorAll(".page :is(td, th)")) {
+  const texts = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT);
+  for (let text = texts.nextNode(); text; text = texts.nextNode()) {
+    for (const word of text.data.matchAll(/[A-Za-z]{2,16}/g)) {
+      const range = document.createRange();
+      range.setStart(text, word.index);
+      range.setEnd(text, word.index + word[0].length);
+      if (new Set([...range.getClientRects()].map(({ top }) => Math.round(top))).size > 1) broken.push(word[0]);
+    }
+  }
+}
+return broken;
+"""
+_SIZES = """
+return [...document.querySelectorAll(arguments[0])].map((one) => one.getBoundingClientRect())
+  .map(({ width, height }) => [width, height]);
+"""
 _PIXEL = """
 const canvas = document.getElementById("atrium-canvas");
 const [x, y] = atrium.toScreen(...arguments).map((value) => Math.round(value * canvas.width / canvas.clientWidth) + 3);
@@ -506,6 +605,15 @@ def _empty(browser: WebDriver) -> str:
 def _severe(browser: WebDriver) -> list[Any]:
     log = browser.get_log("browser")  # type: ignore[attr-defined]
     return [entry for entry in log if entry["level"] == "SEVERE"]
+
+
+def _be_phone(browser: WebDriver, width: int) -> None:
+    size = {"width": width, "height": 844, "deviceScaleFactor": 2 if width < 860 else 1, "mobile": width < 860}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+
+
+def _be_no_phone(browser: WebDriver) -> None:
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def _whole_page(browser: WebDriver) -> bytes:

@@ -58,7 +58,11 @@ function list() {
   page["points-list"].replaceChildren(...here().map((point) => {
     const row = document.createElement("tr");
     row.classList.toggle("chosen", point === state.chosen);
-    const cell = (content) => row.insertCell().append(content);
+    const cell = (content, label = "") => {
+      const made = row.insertCell();
+      if (label) made.dataset.label = label;
+      made.append(content);
+    };
     const choose = button(point.id, `Choose ${point.id}`, () => {
       state.chosen = point;
       say(`Click where ${point.id} hangs, or move it with the keyboard.`);
@@ -72,7 +76,7 @@ function list() {
         const now = point.position ?? [0, 0, HEIGHT];
         point.position = now.map((old, other) => (other === axis ? value : old));
         list();
-      }));
+      }), name);
     });
     cell(point.position === null ? "not placed" : differs(point) ? "changed" : "");
     return row;

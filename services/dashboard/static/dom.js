@@ -72,15 +72,24 @@ const clock = new Intl.DateTimeFormat(undefined, {
   hour: "2-digit", minute: "2-digit", second: "2-digit", hourCycle: "h23",
 });
 const calendar = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short" });
+const longCalendar = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short", year: "numeric" });
+const LAST = 8.64e12; // seconds: beyond it a browser knows no dates
 
 // A moment (seconds since the epoch) in the reader's own time zone, which only the browser knows.
 export function spoken(t) {
+  if (!isDate(t)) return t > 0 ? "never" : "unknown";
   const when = new Date(1000 * t);
-  const today = new Date().toDateString() === when.toDateString();
-  return today ? clock.format(when) : `${calendar.format(when)}, ${clock.format(when)}`;
+  const now = new Date();
+  if (now.toDateString() === when.toDateString()) return clock.format(when);
+  return `${(now.getFullYear() === when.getFullYear() ? calendar : longCalendar).format(when)}, ${clock.format(when)}`;
+}
+
+function isDate(t) {
+  return Math.abs(t) <= LAST;
 }
 
 export function timeOf(t) {
+  if (!isDate(t)) return element("span", {}, spoken(t));
   return element("time", { datetime: new Date(1000 * t).toISOString() }, spoken(t));
 }
 

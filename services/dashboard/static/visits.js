@@ -9,11 +9,14 @@ import { dwellPicture, flowPicture, heatPicture, occupancyPicture } from "./visi
 const FEW = "fewer than 5 people";
 const BRIGHTEST = 0.98; // share of cells that are not the very brightest: one guard's chair must not darken the hall
 const MOST_LINES = 12;
+const MOST_VALUES = 50000; // of one question about occupancy, zones times steps: the API refuses more
+const STEPS = [300, 1800, 3600, 7200, 10800, 21600, 43200, 86400]; // seconds; each divides a day
+const MOST_ROWS = 100; // of a table, until somebody wants all
 
 const page = await appeared(["visits-main", "visits-period", "visits-other", "visits-since", "visits-until", "visits-floor", "visits-cell", "visits-at",
   "visits-told", "heat-picture", "occupancy-picture", "dwell-picture", "flows-picture"]);
 const { time_zone: timeZone, site: title } = JSON.parse(page["visits-main"].dataset.given);
-const state = { site: null, names: new Map(), turn: 0, shown: {} };
+const state = { site: null, names: new Map(), areas: 0, turn: 0, shown: {} };
 
 // What each card asks, makes of the answer, and saves.
 const CARDS = {
@@ -40,7 +43,10 @@ const CARDS = {
     ]))],
   },
   occupancy: {
-    ask: (period) => ask("occupancy", { query: { ...period, step: stepOf(period) } }).then((answer) => ({ ...answer, step: stepOf(period) })),
+    ask: async (period) => {
+      const step = stepOf(period);
+      return { ...(await ask("occupancy", { query: { ...period, step } })), step };
+    },
     read({ t, places, step }) {
       const series = places.map(({ id, people, most }) => ({ id, name: nameOf(id), people, most }))
         .filter(({ people }) => people.some((value) => value !== null)).slice(0, MOST_LINES);
@@ -105,10 +111,14 @@ function period() {
   return { since: midnight(days), until: midnight(0) };
 }
 
-// Fine enough to see a day's course, coarse enough to read.
+// Fine enough to see a day's course, coarse enough to read, and never more values than the API gives.
 function stepOf({ since, until }) {
   const long = until - since;
-  return long <= 6 * 3600 ? 300 : long <= 2 * 86400 ? 1800 : long <= 8 * 86400 ? 10800 : 86400;
+  const wished = long <= 6 * 3600 ? 300 : long <= 2 * 86400 ? 1800 : long <= 8 * 86400 ? 10800 : 86400;
+  // Two more: a step is cut at either end, and a day may have 25 hours.
+  const step = STEPS.find((one) => one >= wished && (Math.ceil(long / one) + 2) * state.areas <= MOST_VALUES);
+  if (step === undefined) throw new Error("There are too many zones for so long a period: choose a shorter one.");
+  return step;
 }
 
 async function refresh() {
@@ -144,6 +154,7 @@ async function refresh() {
 async function begin() {
   const [site, { zones }, { exhibits }] = await Promise.all([ask("site"), ask("zones"), ask("exhibits").catch(none)]);
   state.site = site;
+  state.areas = zones.filter(({ shape }) => shape !== "line").length;
   state.names = new Map([...exhibits, ...zones].map((place) => [place.id, place.name || place.id]));
   page["visits-at"].parentElement.hidden = exhibits.length === 0;
   const floors = [...site.floors].sort((a, b) => (b.level ?? 0) - (a.level ?? 0));
@@ -177,8 +188,15 @@ function draw(name, data, when) {
   canvas.setAttribute("aria-label", CARDS[name].say(data));
   show(canvas, CARDS[name].picture, data);
   const table = CARDS[name].table?.(data);
-  document.getElementById(`${name}-table`).replaceChildren(...(table ? [tableOf(...table)] : []));
+  drawTable(document.getElementById(`${name}-table`), table);
   for (const kind of ["png", "csv"]) document.getElementById(`${name}-${kind}`).disabled = false;
+}
+
+function drawTable(place, table, most = MOST_ROWS) {
+  if (!table) return place.replaceChildren();
+  const [header, rows] = table;
+  const all = element("button", { type: "button", onclick: () => drawTable(place, table, rows.length) }, `Show all ${rows.length}`);
+  place.replaceChildren(tableOf(header, rows.slice(0, most)), rows.length > most ? element("div", { class: "orders" }, all) : "");
 }
 
 function tableOf(header, rows) {
