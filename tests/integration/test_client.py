@@ -33,7 +33,7 @@ from waiting import wait_until
 from services.api.alerts.event_numbers import BLOCK
 from shared.bus import Bus, router
 from shared.keys import Keys
-from shared.messages import Alert, TrackFrame
+from shared.messages import Alert, Erasure, TrackFrame
 from shared.site import load_site
 
 KEYS = Keys("hall")
@@ -115,6 +115,25 @@ def test_zones_are_drawn_and_nobodys_change_is_lost(atrium: AtriumClient) -> Non
     assert (caught.value.status, caught.value.field) == (422, "points")
     atrium.delete_zone("vault", etag=kept.etag)
     assert "vault" not in [zone.id for zone in atrium.zones()]
+
+
+def test_alerts_are_acknowledged_once_and_erasures_followed(world: tuple[str, Bus], atrium: AtriumClient) -> None:
+    publisher = world[1].publisher(KEYS.alert("entrance"), Alert)
+    publisher.publish(alert(77))
+    (waiting,) = wait_until(lambda: [one for one in atrium.alerts() if one.id == "a-77"], 15.0, "the alert")
+    assert waiting.acknowledged is None
+    seen = atrium.acknowledge("a-77", note="all is well").acknowledged
+    assert seen is not None
+    assert (seen.by, seen.note) == ("demo", "all is well")
+    with pytest.raises(Conflict):
+        atrium.acknowledge("a-77")
+    with pytest.raises(TryLater):
+        atrium.erase("d-1")  # no gateway runs here
+    erasures = world[1].publisher(KEYS.erasure(), Erasure)
+    erasures.publish(Erasure(t=5.0, device="d-1"))
+    (erased,) = wait_until(atrium.erasures, 15.0, "the erasure")
+    assert (erased.device, erased.t) == ("d-1", 5.0)
+    assert "history" in erased.waiting
 
 
 def test_a_guide_app_asks_what_is_in_front_of_its_visitor(world: tuple[str, Bus], atrium: AtriumClient) -> None:
@@ -286,7 +305,7 @@ def test_events_are_read_as_they_were_written(events: list[tuple[str, str, bool]
 
 def test_what_the_readme_shows_runs(world: tuple[str, Bus], project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = (project / "clients/python/README.md").read_text(encoding="utf-8")
-    first, second = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    first, second, _ = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     with AtriumClient(world[0], "demo-api-key") as atrium:
         seen(world, atrium)
         exec(second, {"atrium": atrium, "Conflict": Conflict})
@@ -295,3 +314,25 @@ def test_what_the_readme_shows_runs(world: tuple[str, Bus], project: Path, capsy
     shown = shown[: shown.index("    for event")]
     exec(shown)
     assert "phone-1 ground 9.0 1.0" in capsys.readouterr().out
+
+
+def test_what_the_readme_shows_staff_do_runs(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (project / "clients/python/README.md").read_text(encoding="utf-8")
+    told = msgspec.to_builtins(alert(1)) | {"acknowledged": None}
+    erased = {"device": "d-7f3a", "t": 1.0, "done": [], "waiting": ["history"]}
+    answers = {
+        ("POST", "/v1/session"): {"token": "x", "user": "maria", "role": "desk", "scopes": [], "expires": 9.0},
+        ("GET", "/v1/alerts"): {"t": 1.0, "alerts": [told]},
+        ("POST", "/v1/alerts/a-1/acknowledge"): told | {"acknowledged": {"by": "maria", "at": 2.0, "note": ""}},
+        ("DELETE", "/v1/devices/d-7f3a"): erased,
+    }
+    asked = []
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        asked.append((request.method, request.url.path))
+        return httpx.Response(200, json=answers[asked[-1]])
+
+    with AtriumClient("http://x", transport=httpx.MockTransport(answer)) as atrium:
+        exec(re.findall(r"```python\n(.*?)```", text, re.DOTALL)[2], {"atrium": atrium})
+    assert asked == list(answers)
+    assert capsys.readouterr().out == "['history']\n"

@@ -4,10 +4,12 @@ from atrium_client.client import AtriumClient
 from atrium_client.errors import AtriumError, Conflict, NotAllowed, NotFound, TryLater
 from atrium_client.event_stream import Event
 from atrium_client.models import (
+    Acknowledgement,
     Alert,
     Device,
     DwellAtPlace,
     DwellReport,
+    Erasure,
     Exhibit,
     ExhibitInFront,
     Flows,
@@ -19,12 +21,14 @@ from atrium_client.models import (
     Rule,
     Schedule,
     SignedIn,
+    StoreErased,
     Track,
     Trajectory,
     Zone,
 )
 
 __all__ = [
+    "Acknowledgement",
     "Alert",
     "AtriumClient",
     "AtriumError",
@@ -32,6 +36,7 @@ __all__ = [
     "Device",
     "DwellAtPlace",
     "DwellReport",
+    "Erasure",
     "Event",
     "Exhibit",
     "ExhibitInFront",
@@ -46,6 +51,7 @@ __all__ = [
     "Rule",
     "Schedule",
     "SignedIn",
+    "StoreErased",
     "Track",
     "Trajectory",
     "TryLater",

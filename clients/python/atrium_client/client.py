@@ -17,6 +17,7 @@ from atrium_client.models import (
     Alert,
     Device,
     DwellReport,
+    Erasure,
     Exhibit,
     Flows,
     HeatMap,
@@ -195,6 +196,26 @@ class AtriumClient:
             NotFound: it is not held any more: begin again.
         """
         return self._list("/alerts", "alerts", Alert, {"after": alert, "limit": limit})
+
+    def acknowledge(self, alert: str, note: str = "") -> Alert:
+        """Say that you have looked at an alert.
+
+        Raises:
+            Conflict: somebody did before.
+        """
+        return self._ask("POST", f"/alerts/{_part(alert)}/acknowledge", Alert, json={"note": note})
+
+    def erase(self, device: str) -> Erasure:
+        """End a phone's consent for the visitor whose it is; it cannot be undone. ``erasures`` tells how far it is.
+
+        Raises:
+            NotFound: it never was enrolled.
+        """
+        return self._ask("DELETE", f"/devices/{_part(device)}", Erasure)
+
+    def erasures(self) -> list[Erasure]:
+        """Return the devices whose consent has ended, the newest first."""
+        return self._list("/erasures", "erasures", Erasure)
 
     def trajectory(self, device: str, *, since: float, until: float, step: float = 0.0) -> Trajectory:
         """Return where one device was; ``step``: seconds between two points at least."""

@@ -178,6 +178,14 @@ class InFront(msgspec.Struct, frozen=True, kw_only=True):
     """As of positions."""
 
 
+class Acknowledgement(msgspec.Struct, frozen=True, kw_only=True):
+    """Who looked at an alert, when, and what they said of it."""
+
+    by: str
+    at: float
+    note: str = ""
+
+
 class Alert(msgspec.Struct, frozen=True, kw_only=True):
     """What a rule of a zone asked to be told."""
 
@@ -194,6 +202,23 @@ class Alert(msgspec.Struct, frozen=True, kw_only=True):
     rule: str = ""
     value: float | None = None
     limit: float | None = None
+    acknowledged: Acknowledgement | None = None
+
+
+class StoreErased(msgspec.Struct, frozen=True, kw_only=True):
+    """A service that has nothing more of a device, and since when."""
+
+    service: str
+    t: float
+
+
+class Erasure(msgspec.Struct, frozen=True, kw_only=True):
+    """A device whose consent has ended; ``waiting``: services that have not said yet that they hold nothing of it."""
+
+    device: str
+    t: float
+    done: list[StoreErased]
+    waiting: list[str]
 
 
 class Trajectory(msgspec.Struct, frozen=True, kw_only=True):

@@ -30,9 +30,7 @@ __all__ = ["Answers", "catalogue_routes"]
 LARGEST = 4 * 2**20
 """Bytes."""
 _IF_MATCH = Header(description="the ETag that was read: refuse with 412 if it was changed meanwhile")
-_IF_NONE_MATCH = Header(
-    description="* asks to replace nothing: refused with 412, new ones are added by POST"
-)
+_IF_NONE_MATCH = Header(description="* asks to replace nothing: refused with 412, new ones are added by POST")
 
 _HEADERS = {"Cache-Control": "no-store", "Vary": "Accept"}
 
