@@ -62,7 +62,9 @@ class Api:
         url = changes.pop("api_database_url", f"sqlite:///{folder}/api.db")
         if url.startswith("sqlite") and not (folder / "api.db").exists():
             shutil.copy(_tables(), folder / "api.db")
-        settings = ApiSettings(site_file=SITE, profile="demo", api_database_url=SecretStr(url), **changes)
+        # Of its own: what is set up is saved beside the site file.
+        site_file = Path(shutil.copy(SITE, folder))
+        settings = ApiSettings(site_file=site_file, profile="demo", api_database_url=SecretStr(url), **changes)
         self.published = Published()
         self.live = LiveState(site, 60.0, 60.0)
         self.pseudonyms = Pseudonyms()

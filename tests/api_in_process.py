@@ -1,5 +1,6 @@
 """One api service in this process, on a real bus and a real port."""
 
+import shutil
 import tempfile
 import threading
 import time
@@ -21,8 +22,10 @@ def running(site: Site, project: Path, endpoint: str, port: int, **changes: obje
     """One api service, in this process, until the block ends; yields its address."""
     folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
     changes = {"stream_keep_alive": 0.3, "api_database_url": f"sqlite:///{folder.name}/api.db"} | changes
+    # Of its own: what is set up is saved beside the site file.
+    site_file = Path(shutil.copy(project / "deploy/sites/hall/site.yaml", folder.name))
     settings = ApiSettings(
-        site_file=project / "deploy/sites/hall/site.yaml",
+        site_file=site_file,
         profile="demo",
         bus=[endpoint],
         api_port=port,
