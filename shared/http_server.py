@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import ssl
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,14 @@ import structlog
 
 from shared.runner import ServiceError
 
-__all__ = ["Tls", "serve"]
+__all__ = ["Tls", "serve", "timed_out"]
 
 log = structlog.get_logger(__name__)
 
 STREAM_BUFFER = 128 * 1024
 """Bytes that wait in the system for a client of a stream."""
+_TIMED_OUT = "connection_timed_out"
+"""Of the state of a request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +58,16 @@ def serve(
         keep_alive: seconds after which an idle connection is closed.
         connections: open at once; more are answered 503.
         stalled_after: for applications that stream: seconds after which the system cuts a connection whose other end
-            takes nothing of what waits for it (Linux). What waits there is then bounded, so that the application
-            notices before, and WebSockets are sent uncompressed, so that what many are told is made once.
+            takes nothing of what waits for it (Linux; ``timed_out`` tells). What waits there is then bounded, so that
+            an application that has much to say notices before, and WebSockets are sent uncompressed, so that what
+            many are told is made once.
 
     Raises:
         ServiceError: the address cannot be listened on, or certificate and key cannot be used.
     """
     import uvicorn
+    from uvicorn.protocols.http.auto import AutoHTTPProtocol
+    from uvicorn.protocols.websockets.auto import AutoWebSocketsProtocol
 
     if tls is not None:
         _check(tls)
@@ -77,6 +82,8 @@ def serve(
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(stalled_after * 1000.0))
     config = uvicorn.Config(
         app,
+        http=_telling(AutoHTTPProtocol),
+        ws=_telling(AutoWebSocketsProtocol),
         log_config=None,
         access_log=False,
         timeout_graceful_shutdown=2,
@@ -104,6 +111,24 @@ def serve(
     thread.join(timeout=4.0)
     if not stopping.is_set():
         raise ServiceError("the HTTP server ended by itself; the reason stands above in the log")
+
+
+def timed_out(scope: Mapping[str, Any]) -> bool:
+    """Return whether the system cut a request's connection because its other end took nothing (``stalled_after``)."""
+    return _TIMED_OUT in scope["state"]
+
+
+def _telling(protocol: Any) -> Any:
+    """Return a protocol of uvicorn that notes with the request why the system cut its connection."""
+
+    class Telling(protocol):  # type: ignore[misc]
+        def connection_lost(self, exc: Exception | None) -> None:
+            scope = getattr(self, "scope", None)
+            if isinstance(exc, TimeoutError) and scope is not None:
+                scope["state"][_TIMED_OUT] = True
+            super().connection_lost(exc)
+
+    return Telling
 
 
 def _check(tls: Tls) -> None:

@@ -266,9 +266,10 @@ def idle_client(port: int, path: str) -> Iterator[None]:
         yield
 
 
+@pytest.mark.parametrize("people", [1000, 3], ids=["much-waits-in-the-service", "little-waits-in-the-system"])
 @pytest.mark.parametrize("path", ["/v1/stream", "/v1/ws"])
 def test_a_client_that_reads_nothing_is_dropped_and_counted_and_others_are_told(
-    path: str, site: Site, project: Path, endpoint: str, tracks: Publisher[TrackFrame]
+    path: str, people: int, site: Site, project: Path, endpoint: str, tracks: Publisher[TrackFrame]
 ) -> None:
     port = unused_port()
     stalled, before = DROPPED.labels("stalled")._value, READERS._value.get()
@@ -280,10 +281,11 @@ def test_a_client_that_reads_nothing_is_dropped_and_counted_and_others_are_told(
         attentive = Lines(address, "/v1/events")
 
         def crowd() -> bool:
-            tracks.publish(frame(time.time(), people=1000))
+            tracks.publish(frame(time.time(), people=people))
             return stalled.get() > dropped
 
         wait_until(crowd, DEADLINE, "the idle client to be dropped")
+        assert stalled.get() == dropped + 1
         wait_until(lambda: READERS._value.get() == before + 1, DEADLINE, "its reader to be forgotten")
         seen = len(attentive.seen)
         wait_until(lambda: crowd() and len(attentive.seen) > seen, DEADLINE, "others to be told")

@@ -6,6 +6,7 @@ import { appeared, ask, button, metres, numberInput, shownNumber, withoutWhatIsL
 import { known, paintPicture, paintPlaces, UNIT } from "./setup-painting.js";
 
 const TRY_AFTER_MS = 250;
+const TRY_AGAIN_AFTER_MS = 2000;
 const USED_WITHIN_S = 20;
 
 const page = await appeared([
@@ -15,6 +16,7 @@ const page = await appeared([
 ]);
 const state = { site: null, camera: null, floor: null, image: null, size: null, pairs: [], interest: [], trial: null, lens: true, wanted: 0 };
 let waiting = null;
+let [trying, tried] = [false, null];
 
 const image = new Picker(page["setup-image"], {
   to: ([u, v]) => [u / UNIT, -v / UNIT],
@@ -88,6 +90,7 @@ function changed(again = true) {
   image.redraw();
   plan.redraw();
   if (!again) return;
+  state.wanted += 1;
   clearTimeout(waiting);
   waiting = setTimeout(attempt, TRY_AFTER_MS);
   // What is told is of the pairs as they were.
@@ -96,9 +99,22 @@ function changed(again = true) {
 
 // --- what comes of it
 
+// One trial at a time: who clicks faster than the API computes must not fill the queue that all share.
 async function attempt() {
+  if (trying) return;
+  trying = true;
+  try {
+    while (tried !== state.wanted) {
+      tried = state.wanted;
+      await attemptOnce(tried);
+    }
+  } finally {
+    trying = false;
+  }
+}
+
+async function attemptOnce(number) {
   const pairs = complete();
-  const number = ++state.wanted;
   if (pairs.length < 4 || state.size === null) {
     state.trial = null;
     tell([`${pairs.length} of at least 4 pairs; 6 to find a wrong click.`]);
@@ -117,7 +133,9 @@ async function attempt() {
     if (number !== state.wanted) return;
     state.trial = null;
     for (const pair of state.pairs) delete pair.report;
-    tell([reason.message], true);
+    const full = reason.status === 429;
+    tell([reason.message, ...(full ? ["It is tried again in a moment."] : [])], true);
+    if (full) setTimeout(changed, TRY_AGAIN_AFTER_MS);
   }
   changed(false);
 }
@@ -254,6 +272,7 @@ async function board(event) {
 
 async function choose(camera) {
   state.camera = camera;
+  state.wanted += 1; // what is being tried is of another camera
   Object.assign(state, { image: null, pairs: [], interest: [], trial: null });
   try {
     const told = await (await ask(`cameras/${camera}/calibration`)).json();

@@ -24,7 +24,7 @@ export async function ask(path, body) {
   } catch {
     // no words: keep ours
   }
-  throw new Error(words.charAt(0).toUpperCase() + words.slice(1));
+  throw Object.assign(new Error(words.charAt(0).toUpperCase() + words.slice(1)), { status: answer.status });
 }
 
 // Say in `place` which of these whoever looks may not do, and take its button away: [scope, what it is, button].
