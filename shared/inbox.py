@@ -43,11 +43,12 @@ class Trace(msgspec.Struct, frozen=True, array_like=True):
 
 @dataclass(frozen=True, slots=True)
 class Delivery(Generic[M_co]):
-    """One message as it arrived."""
+    """One message as it arrived, at ``arrived`` by this process's monotonic clock."""
 
     key: str
     message: M_co
     trace: Trace
+    arrived: float
 
 
 _decode_trace = msgspec.json.Decoder(Trace).decode
@@ -67,6 +68,7 @@ class _Waiting:
     payload: bytes
     attachment: bytes | None
     kind: type[Message]
+    arrived: float
 
 
 class _CountByKey:
@@ -140,6 +142,7 @@ class Inbox:
                 sample.payload.to_bytes(),
                 None if attachment is None else attachment.to_bytes(),
                 kind,
+                time.monotonic(),
             )
             with self._changed:
                 self._append(entry, depth if newest else None)
@@ -213,7 +216,7 @@ class Inbox:
             return None
         RECEIVED.labels(kind.__name__).inc()
         self._count_gap(entry.key, message)
-        return Delivery(entry.key, message, trace)
+        return Delivery(entry.key, message, trace, entry.arrived)
 
     def _count_gap(self, key: str, message: Message) -> None:
         """Count what a publisher numbered but never arrived, as when the router was away; not what was dropped here."""

@@ -40,6 +40,8 @@ ZONES_VERSION = Gauge("atrium_geofence_zones_version", "Version of the zones in 
 
 NEW_PASS = 1.0
 """Seconds by which time must run back for it to be a new pass of a recording and not a late frame."""
+LATE = 2.0
+"""Seconds after which a frame that waits here is told of."""
 
 
 class GeofenceService(Service[GeofenceSettings]):
@@ -105,6 +107,7 @@ class GeofenceService(Service[GeofenceSettings]):
             for delivery in received:
                 message, origin = delivery.message, delivery.trace.origin
                 if isinstance(message, TrackFrame):
+                    self._keep_pace(time.monotonic() - delivery.arrived)
                     self._take(self._erased.from_tracks(message), origin)
                 elif isinstance(message, Revision):
                     self._revise(self._erased.from_revision(message), origin)
@@ -148,6 +151,13 @@ class GeofenceService(Service[GeofenceSettings]):
             LEFT_OUT.labels("a track named twice: its second place").inc()
         POSITIONS.inc(len(sighting.track))
         self._publish(self._watch.step(frame.area, sighting, frame.cameras), origin)
+
+    def _keep_pace(self, waited: float) -> None:
+        """Tell when frames wait here, as while thousands of zones are made ready or with more people than it can."""
+        if waited > LATE:
+            self.health.degraded("pace", f"frames wait here for more than {LATE:g} s: alerts and counts come late")
+        elif waited < 0.5 * LATE:
+            self.health.well("pace")
 
     def _revise(self, revision: Revision, origin: float) -> None:
         if revision.area in self._watch.areas:

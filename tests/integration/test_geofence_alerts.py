@@ -131,6 +131,42 @@ def test_enter_and_exit_arrive_once_with_the_device_and_wait_for_late_joiners(
             assert [a.id for a in seen] == [a.id for a in known]
 
 
+def test_frames_that_wait_are_told_of_until_they_no_longer_do(
+    site: Site, project: Path, zenoh_router: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("services.geofence.service.LATE", 0.2)
+    with running(site, project, zenoh_router) as service, Bus([zenoh_router]) as bus:
+        inbox, known, busy = bus.inbox(), [], threading.Event()
+        inbox.subscribe(KEYS.alert(), Alert, cached=True)
+        t = walk_until(bus, 100.0, 10.0, 1.2, inbox, known, 1)
+        assert service.health.problems() == {}
+        told: list[tuple[str, str]] = []
+        monkeypatch.setattr(service.health, "degraded", lambda *problem: told.append(problem))
+        monkeypatch.setattr(service.health, "well", lambda topic: told.append((topic, "")))
+        counting: list[float] = []
+
+        def count() -> None:
+            counting.append(time.monotonic())
+            busy.wait(DEADLINE)
+
+        monkeypatch.setattr(service, "_count", count)
+        tracks = bus.publisher(KEYS.tracks("hall"), TrackFrame)
+
+        def crowd() -> bool:
+            nonlocal t
+            t += 0.2
+            tracks.publish(frame(t, 10.0, 1.2))
+            return bool(counting) and time.monotonic() > counting[0] + 0.5
+
+        wait_until(crowd, DEADLINE, "frames that wait")
+        told.clear()
+        busy.set()
+        walk_until(bus, t, 10.0, 5.0, inbox, known, 2)
+        pace = [words for topic, words in told if topic == "pace"]
+        assert "alerts and counts come late" in pace[0]
+        assert pace[-1] == "", "it keeps pace again"
+
+
 def test_an_alert_names_no_device_that_the_track_has_lost(site: Site, project: Path, zenoh_router: str) -> None:
     with running(site, project, zenoh_router), Bus([zenoh_router]) as bus:
         inbox, known = bus.inbox(), []
