@@ -94,7 +94,7 @@ class Api:
             lambda _: empty,
             link,
             past,
-            ErasureBoard(),
+            ErasureBoard(["hall"]),
             self.admin,
             self.alerts,
             ask=lambda *query: self.ask(*query),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 
 import msgspec
 from fastapi import APIRouter, Request
@@ -20,14 +20,19 @@ from shared.messages import Erasure, ErasureDone
 __all__ = ["ErasureBoard", "OwnErasures", "erasure_routes"]
 
 STORES = ("api", "geofence", "history", "learning")
-"""Services that keep something of devices beyond the moment; the gateway forgets before it tells."""
+"""Services that keep something of devices, beside fusion's of each area; the gateway forgets before it tells."""
 KEPT = 2000
 
 
 class ErasureBoard:
-    """What was told of erasures, the latest ``KEPT``; from any thread."""
+    """What was told of erasures, the latest ``KEPT``; from any thread.
 
-    def __init__(self) -> None:
+    Args:
+        areas: of the site, each with a fusion service.
+    """
+
+    def __init__(self, areas: Iterable[str]) -> None:
+        self._stores = sorted([*STORES, *(f"fusion-{area}" for area in areas)])
         self._lock = threading.Lock()
         self._withdrawn: OrderedDict[str, float] = OrderedDict()
         self._done: dict[str, dict[str, float]] = {}
@@ -58,7 +63,7 @@ class ErasureBoard:
             device=device,
             t=t,
             done=[StoreErased(service=name, t=at) for name, at in sorted(done.items())],
-            waiting=[name for name in STORES if name not in done],
+            waiting=[name for name in self._stores if name not in done],
         )
 
 

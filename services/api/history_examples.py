@@ -52,7 +52,12 @@ HISTORY_EXAMPLES: dict[type[msgspec.Struct], dict[str, Any]] = {
             {"device": "d-7f3a", "t": _T, "done": [{"service": "history", "t": _T + 4.0}], "waiting": ["learning"]}
         ],
     },
-    ErasureReport: {"device": "d-7f3a", "t": _T, "done": [], "waiting": ["api", "geofence", "history", "learning"]},
+    ErasureReport: {
+        "device": "d-7f3a",
+        "t": _T,
+        "done": [],
+        "waiting": ["api", "fusion-hall", "geofence", "history", "learning"],
+    },
     RetentionReport: {
         "t": _T,
         "kept": [

@@ -73,7 +73,7 @@ class ApiService(Service[ApiSettings]):
         self._told: list[Finding] = []
         self._trouble = TroubleWatch(settings.trouble_after)
         self._learning = LearningLink(self.keys, self._ask_once)
-        self._erasures = ErasureBoard()
+        self._erasures = ErasureBoard(area.id for area in site.areas)
         published = bus.publisher(self.keys.zones(), ZoneSet, cached=True)
         self._admin = Administration.open(settings, site, self._live, published, self._pseudonyms, own.of("books"))
         self._setup = SetupNews(

@@ -23,6 +23,7 @@ from services.fusion.tracker import Complaining, Retuning, TrackerStateError
 from services.fusion.trained_view import trained_view
 from services.fusion.two_places import TwoPlaces
 from services.fusion.watch import Watch
+from shared.acknowledgements import Acknowledgements
 from shared.bus import DROPPED as BUS_DROPPED
 from shared.bus import Bus, Delivery, Trace
 from shared.erased import Erased
@@ -103,6 +104,11 @@ class FusionService(Service[FusionSettings]):
         """What chunker and tracker counted so far, as far as it stands in ``_counted``."""
         self._people = 0
         self._erased = Erased()
+        self._acknowledged = Acknowledgements(bus, self.keys, f"{self.name}-{self.area}")
+        self._erasing: dict[str, int | None] = {}
+        """Devices whose erasure is not acknowledged yet, and the chunk that went without them; None: none has yet."""
+        self._blank = False
+        """Whether nothing was saved before this process began."""
         self._frame_at = time.monotonic() - self.QUIET
         folder = settings.state_folder
         file = None if folder is None else folder / f"fusion-{self.area}.json"
@@ -171,6 +177,7 @@ class FusionService(Service[FusionSettings]):
             self._look_after()
         self._desk.close()
         self._state_file.save_last(self.running.chunk)
+        self._acknowledge()
 
     def stop(self) -> None:
         """Wake the loop so that it ends at once."""
@@ -237,6 +244,15 @@ class FusionService(Service[FusionSettings]):
         self._recent.clear()
         self._desk.forget()
         self.chunker.add_erasure(erasure, trace.id)
+        # Before the first chunk nobody knows anybody, unless what was saved could not be read and lies there still.
+        self._erasing[erasure.device] = self.running.chunk if self._blank and self.running.chunk < 0 else None
+
+    def _acknowledge(self) -> None:
+        """Tell of whom neither the tracker nor what is saved knows anything more."""
+        for device, chunk in list(self._erasing.items()):
+            if chunk is not None and self._state_file.holds(chunk):
+                self._acknowledged.tell(device)
+                del self._erasing[device]
 
     def _look_for_a_double(self, scan: RadioScan) -> None:
         """Count a device that is heard in two places; the tracker gets its scans all the same and is not sure."""
@@ -274,6 +290,7 @@ class FusionService(Service[FusionSettings]):
             self._tell_radio()
         if chunk.erasures or chunk.models:
             self._state_file.save_soon()
+        self._erasing.update({erasure.device: chunk.index for erasure in chunk.erasures})
         if any(frame.device):
             self._watch.phone_known(time.monotonic())
         self._people = sum(state != "unseen" for state in frame.state)
@@ -310,6 +327,7 @@ class FusionService(Service[FusionSettings]):
         complaints = tracker.complaints() if isinstance(tracker, Complaining) else []
         self._watch.look({**self._counted, **_lost_on_the_bus()}, complaints, self._people, time.monotonic())
         self._state_file.save_if_due(self.running.chunk)
+        self._acknowledge()
 
     # -- across restarts ---------------------------------------------------------------------------------------------
 
@@ -317,6 +335,7 @@ class FusionService(Service[FusionSettings]):
         try:
             saved_bytes = self._state_file.read()
             if saved_bytes is None:
+                self._blank = True
                 return
             self.running.restore(saved_bytes, self._radio_file)
         except (OSError, msgspec.DecodeError, TrackerStateError) as error:

@@ -26,12 +26,13 @@ from services.fusion.evidence.tracker import AnonymousTracker
 from services.fusion.replay import replay_tracks
 from services.fusion.service import FusionService
 from services.fusion.settings import FusionSettings
-from shared.bus import Bus, Delivery, Trace, router
+from shared.bus import Bus, Delivery, Inbox, Trace, router
 from shared.keys import Keys
 from shared.messages import (
     ChunkMark,
     DetectionFrame,
     Erasure,
+    ErasureDone,
     Message,
     MotionBatch,
     RadioModelUpdate,
@@ -351,6 +352,8 @@ def test_a_withdrawal_needs_no_camera_and_reaches_a_service_that_was_down(
         saved = state.read_bytes()
         process.kill()
         process.wait()
+        done = bus.inbox()
+        done.subscribe(KEYS.erased(), ErasureDone, cached=True)
         erasure = Erasure(t=time.time(), device="phone")
         trace = bus.publisher(KEYS.erasure("phone"), Erasure, cached=True).publish(erasure)
         # Told while fusion was down; it comes back, and no camera speaks.
@@ -361,13 +364,23 @@ def test_a_withdrawal_needs_no_camera_and_reaches_a_service_that_was_down(
             return any(isinstance(d.message, ChunkMark) and d.message.consumed == [trace.id] for d in stage.listen())
 
         wait_until(recorded, DEADLINE, "its mark, for the replay")
+        assert acknowledged(done) == [("phone", "fusion-hall")]
         process.kill()
         process.wait()
         state.write_bytes(saved)
-        start(zenoh_router, *flags[:-1], "3600")
-        wait_until(
-            lambda: b'"phone"' not in state.read_bytes(), DEADLINE, "a state saved at once, though its time is far"
-        )
+        process, _ = start(zenoh_router, *flags[:-1], "3600")
+        assert acknowledged(done) == [("phone", "fusion-hall")]
+        assert b'"phone"' not in state.read_bytes(), "a state saved at once, though its time is far"
+        process.kill()
+        process.wait()
+        state.unlink()
+        start(zenoh_router, *flags)
+        assert acknowledged(done) == [("phone", "fusion-hall")], "who knows nobody need not wait for a camera"
+
+
+def acknowledged(inbox: Inbox) -> list[tuple[str, str]]:
+    told = wait_until(lambda: inbox.receive(0.1), DEADLINE, "an erasure to be acknowledged")
+    return [(done.message.device, done.message.service) for done in told if isinstance(done.message, ErasureDone)]
 
 
 def named(stage: Stage) -> TrackFrame | None:

@@ -286,7 +286,7 @@ def test_staff_erase_a_phone_everywhere_for_a_visitor(
         assert done is not None
         assert ([store["service"] for store in done["done"]], done["waiting"]) == (
             ["api"],
-            ["geofence", "history", "learning"],
+            ["fusion-hall", "geofence", "history", "learning"],
         )
         again = staff.delete(f"/v1/devices/{phone.device}")
         assert (again.status_code, again.json()["t"]) == (202, answer.json()["t"]), "asked twice is done once"

@@ -54,7 +54,7 @@ def test_the_openapi_document_names_every_path_and_leads_nowhere_wrong(project: 
     alerts = AlertOffice(settings, site, lambda _: None, lambda _: None)
     learning, history = LearningLink(Keys("hall"), lambda *_: None), HistoryLink(Keys("hall"), lambda *_: None)
     document = create_app(
-        settings, site, live, hub, lambda _: empty, learning, history, ErasureBoard(), admin, alerts
+        settings, site, live, hub, lambda _: empty, learning, history, ErasureBoard([]), admin, alerts
     ).openapi()
     alerts.close()
     text = json.dumps(document)

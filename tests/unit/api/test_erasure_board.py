@@ -8,20 +8,20 @@ from shared.messages import Erasure, ErasureDone
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_store_that_acknowledged_is_not_waited_for(turned: bool) -> None:
-    board = ErasureBoard()
+    board = ErasureBoard(["hall"])
     told = [Erasure(t=10.0, device="d-1"), ErasureDone(t=12.0, device="d-1", service="history")]
     for message in reversed(told) if turned else told:
         board.take(message)
     board.take(ErasureDone(t=99.0, device="d-1", service="history"))
     board.take(Erasure(t=20.0, device="d-2"))
     newest, first = board.report(30.0).erasures
-    assert (newest.device, newest.waiting) == ("d-2", ["api", "geofence", "history", "learning"])
-    assert (first.device, first.t, first.waiting) == ("d-1", 10.0, ["api", "geofence", "learning"])
+    assert (newest.device, newest.waiting) == ("d-2", ["api", "fusion-hall", "geofence", "history", "learning"])
+    assert (first.device, first.t, first.waiting) == ("d-1", 10.0, ["api", "fusion-hall", "geofence", "learning"])
     assert [(store.service, store.t) for store in first.done] == [("history", 12.0)]
 
 
 def test_no_more_is_kept_than_the_gateway_tells() -> None:
-    board = ErasureBoard()
+    board = ErasureBoard(["hall"])
     for number in range(KEPT + 5):
         board.take(ErasureDone(t=float(number), device=f"d-{number}", service="history"))
     rows = board.report(0.0).erasures
