@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
+from collections.abc import Callable
 
 from shared.bus import Bus, Publisher
 from shared.keys import Keys, is_identifier
@@ -31,11 +32,28 @@ class Acknowledgements:
         self._service = service
         self._lock = threading.Lock()
         self._told: OrderedDict[str, Publisher[ErasureDone]] = OrderedDict()
+        self._awaited: dict[str, Callable[[], bool]] = {}
 
     def __contains__(self, device: str) -> bool:
         """Whether it was told of this device."""
         with self._lock:
             return device in self._told
+
+    def await_gone(self, device: str, gone: Callable[[], bool]) -> None:
+        """Let ``tell_gone`` tell of a device once ``gone`` says that nothing of it is stored; not twice."""
+        with self._lock:
+            if device not in self._told:
+                self._awaited[device] = gone
+
+    def tell_gone(self) -> None:
+        """Tell of those awaited of whom nothing is stored any more."""
+        with self._lock:
+            awaited = list(self._awaited.items())
+        for device, gone in awaited:
+            if gone():
+                self.tell(device)
+                with self._lock:
+                    self._awaited.pop(device, None)
 
     def tell(self, device: str) -> None:
         """Tell that nothing of a device is stored any more; once, however often it is asked."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections import Counter as Count
 from typing import ClassVar
@@ -105,8 +106,6 @@ class FusionService(Service[FusionSettings]):
         self._people = 0
         self._erased = Erased()
         self._acknowledged = Acknowledgements(bus, self.keys, f"{self.name}-{self.area}")
-        self._erasing: dict[str, int | None] = {}
-        """Devices whose erasure is not acknowledged yet, and the chunk that went without them; None: none has yet."""
         self._blank = False
         """Whether nothing was saved before this process began."""
         self._frame_at = time.monotonic() - self.QUIET
@@ -177,7 +176,7 @@ class FusionService(Service[FusionSettings]):
             self._look_after()
         self._desk.close()
         self._state_file.save_last(self.running.chunk)
-        self._acknowledge()
+        self._acknowledged.tell_gone()
 
     def stop(self) -> None:
         """Wake the loop so that it ends at once."""
@@ -244,15 +243,9 @@ class FusionService(Service[FusionSettings]):
         self._recent.clear()
         self._desk.forget()
         self.chunker.add_erasure(erasure, trace.id)
-        # Before the first chunk nobody knows anybody, unless what was saved could not be read and lies there still.
-        self._erasing[erasure.device] = self.running.chunk if self._blank and self.running.chunk < 0 else None
-
-    def _acknowledge(self) -> None:
-        """Tell of whom neither the tracker nor what is saved knows anything more."""
-        for device, chunk in list(self._erasing.items()):
-            if chunk is not None and self._state_file.holds(chunk):
-                self._acknowledged.tell(device)
-                del self._erasing[device]
+        if self._blank and self.running.chunk < 0:
+            # Nobody knows anybody yet, and nothing lies there that could not be read.
+            self._acknowledged.tell(erasure.device)
 
     def _look_for_a_double(self, scan: RadioScan) -> None:
         """Count a device that is heard in two places; the tracker gets its scans all the same and is not sure."""
@@ -290,7 +283,8 @@ class FusionService(Service[FusionSettings]):
             self._tell_radio()
         if chunk.erasures or chunk.models:
             self._state_file.save_soon()
-        self._erasing.update({erasure.device: chunk.index for erasure in chunk.erasures})
+        for erasure in chunk.erasures:
+            self._acknowledged.await_gone(erasure.device, functools.partial(self._state_file.holds, chunk.index))
         if any(frame.device):
             self._watch.phone_known(time.monotonic())
         self._people = sum(state != "unseen" for state in frame.state)
@@ -327,7 +321,7 @@ class FusionService(Service[FusionSettings]):
         complaints = tracker.complaints() if isinstance(tracker, Complaining) else []
         self._watch.look({**self._counted, **_lost_on_the_bus()}, complaints, self._people, time.monotonic())
         self._state_file.save_if_due(self.running.chunk)
-        self._acknowledge()
+        self._acknowledged.tell_gone()
 
     # -- across restarts ---------------------------------------------------------------------------------------------
 

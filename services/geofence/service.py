@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import secrets
 import time
@@ -75,8 +76,6 @@ class GeofenceService(Service[GeofenceSettings]):
         self._frames = 0
         self._erased = Erased()
         self._acknowledged = Acknowledgements(bus, self.keys, self.name)
-        self._erasing: dict[str, int] = {}
-        """Devices whose erasure is not acknowledged yet, and which saved state will be the first without them."""
         self._inbox = bus.inbox(capacity=10_000)
         folder = settings.state_folder
         self._state_file = StateFile(
@@ -121,9 +120,9 @@ class GeofenceService(Service[GeofenceSettings]):
             self._watch_silence()
             self._count()
             self._state_file.save_if_due(self._frames)
-            self._acknowledge()
+            self._acknowledged.tell_gone()
         self._state_file.save_last(self._frames)
-        self._acknowledge()
+        self._acknowledged.tell_gone()
 
     def stop(self) -> None:
         """Stop, and do not wait for a frame that may not come."""
@@ -172,14 +171,7 @@ class GeofenceService(Service[GeofenceSettings]):
             self._watch_zones(zones, self._version)
         self._frames += 1
         self._state_file.save_soon()
-        if device not in self._acknowledged:
-            self._erasing[device] = self._frames
-
-    def _acknowledge(self) -> None:
-        """Tell of whom nothing is stored any more."""
-        for device in [device for device, first in self._erasing.items() if self._state_file.holds(first)]:
-            self._acknowledged.tell(device)
-            del self._erasing[device]
+        self._acknowledged.await_gone(device, functools.partial(self._state_file.holds, self._frames))
 
     def _follow(self, told: ZoneSet) -> None:
         """Watch the zones of a newer set."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import queue
 import threading
 import time
@@ -94,8 +95,6 @@ class LearningService(Service[LearningSettings]):
         self._questions: queue.SimpleQueue[tuple[Question, bool]] = queue.SimpleQueue()
         """With whether it is an order; else the report is asked for."""
         self._acknowledged = Acknowledgements(bus, self.keys, self.name)
-        self._erasing: set[str] = set()
-        """Devices whose erasure is not acknowledged yet."""
         self._failed: set[str] = set()
         """Lessons whose failure the health page tells."""
         self._began = time.monotonic()
@@ -136,7 +135,7 @@ class LearningService(Service[LearningSettings]):
                 self._answer(*self._questions.get())
             if time.monotonic() - looked >= TURN:
                 self._guarded(lambda: self.loop.look(time.time()))
-                self._acknowledge()
+                self._acknowledged.tell_gone()
                 self._tell_health()
                 looked = time.monotonic()
         self._guarded(lambda: self.loop.save(time.time()))
@@ -160,7 +159,7 @@ class LearningService(Service[LearningSettings]):
             return
         if isinstance(message, Erasure):
             self._retract(message.device)  # first: whether or not the database is there
-            self._erasing.add(message.device)
+            self._acknowledged.await_gone(message.device, functools.partial(self._forgot, message.device))
         self.loop.take(message)
 
     def _retract(self, device: str) -> None:
@@ -171,11 +170,8 @@ class LearningService(Service[LearningSettings]):
                 publisher.close()
         self.loop.decisions.forget(device)
 
-    def _acknowledge(self) -> None:
-        """Tell of whom nothing is stored any more."""
-        for device in [device for device in self._erasing if not self.loop.holds(device)]:
-            self._acknowledged.tell(device)
-            self._erasing.discard(device)
+    def _forgot(self, device: str) -> bool:
+        return not self.loop.holds(device)
 
     def _guarded(self, work: Any) -> None:
         """Do something that needs the database; while that is away, learning goes on in memory and says so."""

@@ -106,14 +106,14 @@ async function attempt() {
   try {
     while (tried !== state.wanted) {
       tried = state.wanted;
-      await attemptOnce(tried);
+      await attemptOnce();
     }
   } finally {
     trying = false;
   }
 }
 
-async function attemptOnce(number) {
+async function attemptOnce() {
   const pairs = complete();
   if (pairs.length < 4 || state.size === null) {
     state.trial = null;
@@ -124,13 +124,13 @@ async function attemptOnce(number) {
     const told = pairs.map(({ pixel, place }) => ({ pixel, place }));
     const order = { image_size: state.size, pairs: told, use_lens: state.lens };
     const trial = await (await ask(`cameras/${state.camera}/calibration/try`, order)).json();
-    if (number !== state.wanted) return;
+    if (tried !== state.wanted) return;
     pairs.forEach((pair, index) => (pair.report = trial.pairs[index]));
     state.trial = trial;
     const alone = trial.median_alone_metres === null ? "" : `, ${metres(trial.median_alone_metres)} where nobody clicked`;
     tell([`Median residual ${metres(trial.median_metres)}${alone}.`, ...trial.words]);
   } catch (reason) {
-    if (number !== state.wanted) return;
+    if (tried !== state.wanted) return;
     state.trial = null;
     for (const pair of state.pairs) delete pair.report;
     const full = reason.status === 429;
