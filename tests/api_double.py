@@ -255,7 +255,10 @@ def _app(double: Double, stopping: threading.Event) -> FastAPI:
 
     @app.get("/v1/flows")
     async def flows() -> Response:
-        return _json({"zones": ["entrance", "model-corner"], "counts": [[12, 131], [None, 0]]})
+        counts: list[list[int | None]] = [[12, 131], [None, 0]]
+        more = [name for name in double.zones if name.startswith("z")][:148]
+        rows = [[*row, *[0] * len(more)] for row in counts] + [[0] * (2 + len(more)) for _ in more]
+        return _json({"zones": ["entrance", "model-corner", *more], "counts": rows})
 
     @app.get("/v1/occupancy")
     async def occupancy(since: float, until: float, step: int) -> Response:

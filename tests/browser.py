@@ -1,11 +1,20 @@
-"""A headless Chromium for tests, kept off every network but this machine's."""
+"""A headless Chromium for tests, kept off every network but this machine's; and its pages' buttons."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from selenium import webdriver
+from selenium.common.exceptions import (
+    ElementClickInterceptedException,
+    ElementNotInteractableException,
+    StaleElementReferenceException,
+)
 from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.remote.webdriver import WebDriver
+from waiting import wait_until
 
 
 @contextmanager
@@ -32,3 +41,42 @@ def open_browser(folder: Path, width: int = 1400, height: int = 900) -> Iterator
         yield browser
     finally:
         browser.quit()
+
+
+@dataclass(frozen=True)
+class Button:
+    """The first visible button that says ``text``, whom the page may be building anew or moving: it is tried again."""
+
+    browser: WebDriver
+    text: str
+
+    def click(self) -> None:
+        self._act(lambda found: found.click())
+
+    def send_keys(self, *keys: str) -> None:
+        self._act(lambda found: found.send_keys(*keys))
+
+    def is_enabled(self) -> bool:
+        enabled: list[bool] = []
+        self._act(lambda found: enabled.append(found.is_enabled()))
+        return enabled[0]
+
+    def _act(self, act: Callable[[Any], object]) -> None:
+        def acted() -> bool:
+            found = self.browser.execute_script(_BUTTON, self.text)
+            if found is None:
+                return False
+            try:
+                act(found)
+            except _NOT_YET:
+                return False
+            return True
+
+        wait_until(acted, 20, f"the button {self.text}")
+
+
+_NOT_YET = (StaleElementReferenceException, ElementNotInteractableException, ElementClickInterceptedException)
+_BUTTON = """
+const says = (one) => [one.textContent.trim(), one.querySelector("strong")?.textContent].includes(arguments[0]);
+return [...document.querySelectorAll("button")].find((one) => one.checkVisibility() && says(one)) ?? null;
+"""

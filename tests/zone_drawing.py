@@ -1,6 +1,4 @@
-"""The zone editor in a real browser: opened, its buttons found, its plan clicked."""
-
-from typing import Any
+"""The zone editor in a real browser: opened, its plan clicked."""
 
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
@@ -31,11 +29,3 @@ def click_plan(browser: WebDriver, *places: tuple[float, float]) -> None:
     canvas = browser.find_element(By.ID, "zones-canvas")
     for place in places:
         move_to(browser, canvas, *on_screen(browser, place)).click().perform()
-
-
-def button(browser: WebDriver, text: str) -> Any:
-    script = """
-    const says = (one) => [one.textContent.trim(), one.querySelector("strong")?.textContent].includes(arguments[0]);
-    return [...document.querySelectorAll("button")].find((one) => one.checkVisibility() && says(one));
-    """
-    return wait_until(lambda: browser.execute_script(script, text), 10, f"the button {text}")

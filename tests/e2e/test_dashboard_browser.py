@@ -186,9 +186,9 @@ def test_another_floor_can_be_chosen(page: WebDriver, tmp_path: Path) -> None:
     select = Select(page.find_element(By.ID, "atrium-floor"))
     assert [option.text for option in select.options] == ["Gallery", "Ground floor"]
     select.select_by_visible_text("Gallery")
-    wait_until(lambda: page.execute_script("return atrium.floor") == "gallery", 5, "the other floor")
+    wait_until(lambda: page.execute_script("return atrium.floor") == "gallery", 20, "the other floor")
     canvas = page.find_element(By.ID, "atrium-canvas")
-    wait_until(lambda: "Gallery with 1 person" in str(canvas.get_attribute("aria-label")), 5, "its people")
+    wait_until(lambda: "Gallery with 1 person" in str(canvas.get_attribute("aria-label")), 20, "its people")
     page.save_screenshot(str(tmp_path / "gallery.png"))
     select.select_by_visible_text("Ground floor")
 

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import httpx
 import pytest
-from browser import open_browser
+from browser import Button, open_browser
 from waiting import wait_until
-from zone_drawing import button, click_plan, open_zones
+from zone_drawing import click_plan, open_zones
 
 from services.api.alerts.signature import signed_headers
 
@@ -133,10 +133,10 @@ def test_whoever_crosses_a_line_that_staff_draw_is_told_to_the_inbox_and_the_web
         )
         assert made.is_success, made.text
         open_zones(demo.urls["live map"], browser)
-        button(browser, "New line").click()
+        Button(browser, "New line").click()
         click_plan(browser, (10.0, 1.0), (10.0, 11.0))
         browser.switch_to.active_element.send_keys("Half way")
-        button(browser, "Save").click()
+        Button(browser, "Save").click()
         wait_until(
             lambda: [z for z in demo.api("/v1/zones")["zones"] if z["id"] == "half-way"], 10, "the line at the API"
         )

@@ -15,7 +15,7 @@ import httpx
 import msgspec
 import pytest
 from api_in_process import running
-from browser import open_browser
+from browser import Button, open_browser
 from conftest import unused_port
 from learning_double import Double, busy, fresh, learning
 from selenium.webdriver.common.by import By
@@ -101,8 +101,7 @@ def test_what_is_learned_is_told_in_words_tables_charts_and_maps(
     for words in ("ap-3", "was something put in front of it?", "explains withheld readings better", "1.35", "Phone "):
         _shows(browser, words)
     wait_until(lambda: _charts(browser) == 3, 20, "three charts")
-    drawn = wait_until(lambda: _found(browser, ".slot svg[role=img]"), 20, "a map")
-    assert "Where people walked" in str(drawn.get_attribute("textContent"))
+    wait_until(lambda: "Where people walked" in _title(browser), 20, "a map")
     wait_until(lambda: _found(browser, "time[datetime]"), 10, "times in the reader's own zone")
     _picture(browser, tmp_path / "learning.png")
     errors = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]  # type: ignore[attr-defined]
@@ -126,22 +125,22 @@ def test_on_a_phone_nothing_is_wider_than_the_screen(system: System, browser: We
 def test_a_roll_back_is_asked_for_confirmed_by_keyboard_and_told(system: System, browser: WebDriver) -> None:
     system.double.report = system.busy
     browser.get(f"{system.dashboard}/learning")
-    _button(browser, "Roll back…").send_keys(Key.ENTER)
+    Button(browser, "Roll back…").send_keys(Key.ENTER)
     _shows(browser, "The radio model of hall returns to the version before.")
     before = len(system.double.commands)
-    _button(browser, "Cancel").send_keys(Key.ENTER)
+    Button(browser, "Cancel").send_keys(Key.ENTER)
     wait_until(lambda: not _found(browser, ".question"), 10, "the question to go")
     assert [c for c in system.double.commands[before:] if c.do != "map"] == []
-    _button(browser, "Roll back…").click()
-    _button(browser, "Roll back").click()
+    Button(browser, "Roll back…").click()
+    Button(browser, "Roll back").click()
     _shows(browser, "area hall is back at radio model 2, as version 4")
     order = [command for command in system.double.commands if command.do == "rollback"][-1]
     assert (order.kind, order.subject, order.by) == ("radio", "hall", "office")
-    _button(browser, "Freeze…").click()
-    _button(browser, "Freeze").click()
+    Button(browser, "Freeze…").click()
+    Button(browser, "Freeze").click()
     _shows(browser, "Frozen by hand")
-    _button(browser, "Unfreeze…").click()
-    _button(browser, "Unfreeze").click()
+    Button(browser, "Unfreeze…").click()
+    Button(browser, "Unfreeze").click()
     wait_until(lambda: not system.double.report.frozen, 10, "learning to be unfrozen")
 
 
@@ -174,16 +173,9 @@ def _found(browser: WebDriver, selector: str) -> Any:
     return next(iter(browser.find_elements(By.CSS_SELECTOR, selector)), None)
 
 
-def _button(browser: WebDriver, text: str) -> Any:
-    def visible() -> Any:
-        found = browser.find_elements(By.XPATH, f"//button[normalize-space(.)='{text}']")
-        return next((button for button in found if button.is_displayed()), None)
-
-    return wait_until(visible, 20, f"the button {text}")
-
-
 def _charts(browser: WebDriver) -> int:
-    return sum(chart.is_displayed() for chart in browser.find_elements(By.CSS_SELECTOR, ".chart canvas"))
+    script = "return [...document.querySelectorAll('.chart canvas')].filter((one) => one.checkVisibility()).length"
+    return int(browser.execute_script(script))
 
 
 def _picture(browser: WebDriver, path: Path) -> None:

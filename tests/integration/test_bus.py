@@ -70,7 +70,7 @@ def published_until_heard(publish: Callable[[int], object], inbox: Inbox) -> Mes
 
 
 def waiting_in(inbox: Inbox, count: int) -> None:
-    wait_until(lambda: len(inbox._waiting) >= count, 5.0, f"{count} messages in the queue")
+    wait_until(lambda: len(inbox._waiting) >= count, 20.0, f"{count} messages in the queue")
 
 
 def test_messages_arrive_in_order_with_their_key_and_trace(join: Callable[[], Bus]) -> None:
@@ -82,7 +82,7 @@ def test_messages_arrive_in_order_with_their_key_and_trace(join: Callable[[], Bu
     before = time.time()
     traces = [publisher.publish(scan(100 + number), origin=before - 1.0) for number in range(50)]
     found = []
-    wait_until(lambda: found.extend(inbox.receive(0.1)) or len(found) >= 50, 5.0, "50 messages")
+    wait_until(lambda: found.extend(inbox.receive(0.1)) or len(found) >= 50, 20.0, "50 messages")
     assert [delivery.message for delivery in found] == [scan(100 + number) for number in range(50)]
     assert {delivery.key for delivery in found} == {KEYS.radio("d")}
     assert [delivery.trace for delivery in found] == traces
@@ -128,7 +128,7 @@ def test_overtaken_sensor_frames_are_dropped_oldest_first_and_counted(join: Call
     waiting_in(inbox, 1)
     for number in range(6):
         frames.publish(frame(number))
-    wait_until(lambda: dropped(DetectionFrame, "overtaken") == before + 4, 5.0, "four frames to be overtaken")
+    wait_until(lambda: dropped(DetectionFrame, "overtaken") == before + 4, 20.0, "four frames to be overtaken")
     found = [delivery.message for delivery in inbox.receive(1.0)]
     assert found == [scan(0), frame(4), frame(5)]  # the reliable scan stayed
 
@@ -146,7 +146,7 @@ def test_a_reader_that_fell_behind_finds_the_newest_few_of_every_key(join: Calla
         busy.publish(frame(number))
         scans.publish(scan(number))
     calm.publish(frame(1))
-    wait_until(lambda: dropped(DetectionFrame, "overtaken") == before + 98, 5.0, "98 frames to be overtaken")
+    wait_until(lambda: dropped(DetectionFrame, "overtaken") == before + 98, 20.0, "98 frames to be overtaken")
     waiting_in(inbox, 104)
     found = inbox.receive(1.0)
     assert [d.message.t for d in found if d.key == KEYS.detections("busy")] == [98.0, 99.0]
@@ -162,7 +162,7 @@ def test_by_default_a_handful_of_frames_of_a_key_waits(join: Callable[[], Bus]) 
     before = dropped(DetectionFrame, "overtaken")
     for number in range(100):
         publisher.publish(frame(number))
-    wait_until(lambda: dropped(DetectionFrame, "overtaken") == before + 92, 5.0, "all but eight to be overtaken")
+    wait_until(lambda: dropped(DetectionFrame, "overtaken") == before + 92, 20.0, "all but eight to be overtaken")
     assert [delivery.message for delivery in inbox.receive(1.0)] == [frame(number) for number in range(92, 100)]
 
 
@@ -176,7 +176,7 @@ def test_what_was_dropped_here_is_not_counted_again_as_a_gap(join: Callable[[], 
     assert collect(inbox, 1) == [frame(0)]
     for number in (1, 2, 3, 4, 6, 7):  # 5 is lost on its way
         publisher.publish(frame(number))
-    wait_until(lambda: dropped(DetectionFrame, "overtaken") == overtaken + 4, 5.0, "four frames to be overtaken")
+    wait_until(lambda: dropped(DetectionFrame, "overtaken") == overtaken + 4, 20.0, "four frames to be overtaken")
     assert collect(inbox, 2) == [frame(6), frame(7)]
     assert dropped(DetectionFrame, "gap") == gap + 1
     bus._session.put(KEYS.detections("c"), b"rubbish")
@@ -207,7 +207,7 @@ def test_a_full_queue_of_reliable_messages_drops_the_oldest_and_counts_it(join: 
     before = dropped(RadioScan, "queue full")
     for number in range(5):
         publisher.publish(scan(number))
-    wait_until(lambda: dropped(RadioScan, "queue full") == before + 3, 5.0, "three drops")
+    wait_until(lambda: dropped(RadioScan, "queue full") == before + 3, 20.0, "three drops")
     assert [delivery.message for delivery in inbox.receive(1.0)] == [scan(3), scan(4)]
 
 
@@ -242,9 +242,9 @@ def test_presence_appears_and_disappears_with_its_process(join: Callable[[], Bus
     watcher, member = join(), join()
     assert watcher.present(KEYS.alive()) == []
     member.announce(KEYS.alive("camera", "c1"))
-    wait_until(lambda: watcher.present(KEYS.alive()) == [KEYS.alive("camera", "c1")], 5.0, "the token")
+    wait_until(lambda: watcher.present(KEYS.alive()) == [KEYS.alive("camera", "c1")], 20.0, "the token")
     member.close()
-    wait_until(lambda: watcher.present(KEYS.alive()) == [], 5.0, "the token to vanish")
+    wait_until(lambda: watcher.present(KEYS.alive()) == [], 20.0, "the token to vanish")
 
 
 def test_a_question_is_answered_and_a_failing_answer_is_silence(join: Callable[[], Bus]) -> None:
@@ -256,7 +256,7 @@ def test_a_question_is_answered_and_a_failing_answer_is_silence(join: Callable[[
 
     owner.answer(KEYS.fusion_state("cellar"), fail)
     expected = [(KEYS.fusion_state("hall"), b'{"chunk": 7}')]
-    wait_until(lambda: list(asker.ask(KEYS.fusion_state("hall"), timeout=1.0)) == expected, 5.0, "the answer")
+    wait_until(lambda: list(asker.ask(KEYS.fusion_state("hall"), timeout=1.0)) == expected, 20.0, "the answer")
     assert list(asker.ask(KEYS.fusion_state(), timeout=1.0)) == expected
 
 
@@ -288,13 +288,13 @@ def test_everything_works_again_after_the_router_was_killed_and_came_back(free_p
         published_until_heard(lambda n: publisher.publish(scan(n)), inbox)
         first.kill()  # no farewell
         first.wait()
-        wait_until(lambda: not sender.connected and not reader.connected, 5.0, "both to notice")
+        wait_until(lambda: not sender.connected and not reader.connected, 20.0, "both to notice")
         publisher.publish(scan(50_000))  # into the void: neither an error nor a hang
         second = router(endpoint)
         try:
             wait_until(lambda: sender.connected and reader.connected, 10.0, "both to reconnect")
             published_until_heard(lambda n: publisher.publish(scan(60_000 + n)), inbox)
-            wait_until(lambda: reader.present(KEYS.alive()) == [KEYS.alive("gateway", "0")], 5.0, "the token again")
+            wait_until(lambda: reader.present(KEYS.alive()) == [KEYS.alive("gateway", "0")], 20.0, "the token again")
             late = reader.inbox()
             late.subscribe(KEYS.camera_status(), CameraStatus, cached=True)
             assert collect(late, 1)[0].t == 5.0

@@ -48,7 +48,7 @@ def test_what_a_phone_posts_arrives_on_the_bus_in_server_time(
     gateway: Running, listener: Listener, clock: float
 ) -> None:
     phone = Phone(gateway, clock)
-    wait_until(lambda: phone.http.get("/docs").status_code == 200, 5, "the page")
+    wait_until(lambda: phone.http.get("/docs").status_code == 200, 20, "the page")
     for seq in range(12):
         answer = phone.post(phone.batch(seq))
         assert answer.status_code == 200, answer.text

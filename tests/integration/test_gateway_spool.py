@@ -94,9 +94,9 @@ def test_a_phone_s_newer_messages_wait_behind_its_older_ones(zenoh_router: str, 
             told.extend(d.message.seq for d in inbox.receive(0.05) if isinstance(d.message, RadioScan))
             return len(told) >= 5
 
-        wait_until(all_told, 5, "five scans")
+        wait_until(all_told, 20, "five scans")
         assert told == [0, 1, 2, 3, 4]
-        wait_until(lambda: not spool, 5, "the spool to be empty")
+        wait_until(lambda: not spool, 20, "the spool to be empty")
 
 
 def test_a_full_spool_refuses_the_batch_and_keeps_it_for_the_next_try(
@@ -224,5 +224,5 @@ def test_an_erasure_waits_while_the_bus_or_what_forgets_fails(zenoh_router: str,
             told.extend(d.message.device for d in inbox.receive(0.05) if isinstance(d.message, Erasure))
             return bool(told)
 
-        wait_until(heard, 5, "the erasure")
+        wait_until(heard, 20, "the erasure")
         assert (told, forgotten) == ([device.id], [device.id, device.id])

@@ -49,7 +49,7 @@ def test_what_waited_long_is_marked_late_when_it_is_told(zenoh_router: str, site
             return len(told) >= 2
 
         with PhoneBook(site, bus, Limits(), 10.0, spool):
-            wait_until(all_told, 5, "two scans")
+            wait_until(all_told, 20, "two scans")
         assert [message.late for message in told] == [True, False]
 
 
@@ -67,8 +67,8 @@ def test_a_row_that_cannot_be_read_is_set_aside_and_holds_nothing_up(
         inbox = bus.inbox()
         inbox.subscribe(f"atrium/1/{site.site}/device/*/radio", RadioScan)
         with capture_logs() as logs, PhoneBook(site, bus, Limits(), 10.0, spool):
-            wait_until(lambda: inbox.receive(0.05), 5, "the scan that can be read")
-            wait_until(lambda: not spool, 5, "the spool to be empty")
+            wait_until(lambda: inbox.receive(0.05), 20, "the scan that can be read")
+            wait_until(lambda: not spool, 20, "the spool to be empty")
     assert REGISTRY.get_sample_value("atrium_gateway_spool_unreadable_total") == before + 2
     assert len([entry for entry in logs if "cannot be read" in entry["event"]]) == 1
 

@@ -137,7 +137,7 @@ def test_a_device_opens_few_streams_at_once(gateway: Running) -> None:
                 return False
             return True
 
-        wait_until(again, 5, "a place to come free")
+        wait_until(again, 20, "a place to come free")
 
 
 def test_revoking_the_token_or_the_consent_ends_the_streams_it_opened_with_a_reason(gateway: Running) -> None:

@@ -71,11 +71,11 @@ def test_a_service_tells_its_health_and_its_metrics(start: Start, zenoh_router: 
     assert "/readyz" in json.loads(wait_for(port, "/else", 404))["detail"]
     with Bus([zenoh_router], wait=5.0) as bus:
         alive = Keys("hall").alive("tiny", "7")
-        wait_until(lambda: bus.present(Keys("hall").alive()) == [alive], 5.0, "its liveliness token")
+        wait_until(lambda: bus.present(Keys("hall").alive()) == [alive], 20.0, "its liveliness token")
         status, seconds, log = stop(process)
         assert status == 0
         assert seconds < 5.0
-        wait_until(lambda: bus.present(Keys("hall").alive()) == [], 5.0, "its token to vanish")
+        wait_until(lambda: bus.present(Keys("hall").alive()) == [], 20.0, "its token to vanish")
     lines = [json.loads(line) for line in log.splitlines()]
     assert {line["service"] for line in lines} == {"tiny"}
     events = [line["event"] for line in lines]

@@ -1,5 +1,5 @@
 // The pictures of the visits page. Each is drawn by (context, width, data) and tells how high it is; so the one on the
-// page and the one that is saved are the same.
+// page and the one that is saved are the same. A `note` of the data, which says what is left out, is its last line.
 
 import { colourOf, hatch, isDark, strokeOf } from "./colour_scale.js";
 import { duration } from "./dom.js";
@@ -10,6 +10,7 @@ import { Viewport } from "./viewport.js";
 const INK = "#26323f";
 const QUIET = "#5d6875";
 const LEGEND = 60; // pixels
+const NOTE = 22; // pixels
 const FEW = "fewer than 5 people: not told";
 
 // A heat map on the plan: {floor, heat, most}. Cells of few people are striped.
@@ -55,8 +56,8 @@ function legend(context, width, y, most) {
 
 // Stays by zone, a bar to the median and a line to where nine in ten have left: {rows: [{name, median, p90, …}]}.
 export const dwellPicture = {
-  height: (_, { rows }) => 34 + 34 * rows.length,
-  draw(context, width, { rows }) {
+  height: (_, { rows, note }) => 34 + 34 * rows.length + (note ? NOTE : 0),
+  draw(context, width, { rows, note }) {
     const left = Math.min(150, width * 0.34);
     const most = Math.max(...rows.map((row) => row.p90 ?? row.median ?? 0), 1);
     const long = (seconds) => ((width - left - 90) * seconds) / most;
@@ -82,13 +83,14 @@ export const dwellPicture = {
       text(context, `${duration(row.median)} – ${duration(row.p90)}`, left + long(row.p90) + 6, y, 11, QUIET, "left");
     });
     text(context, "bar: half have left; mark: nine in ten have", 0, 24 + 34 * rows.length, 11, QUIET, "left");
+    text(context, note, 0, 24 + 34 * rows.length + NOTE, 11, QUIET, "left");
   },
 };
 
 // A matrix of ways from zone to zone: {names, counts}.
 export const flowPicture = {
-  height: (_, { names }) => 130 + 38 * names.length,
-  draw(context, width, { names, counts }) {
+  height: (_, { names, note }) => 130 + 38 * names.length + (note ? NOTE : 0),
+  draw(context, width, { names, counts, note }) {
     const left = Math.min(140, width * 0.32);
     const top = 104;
     const side = Math.min((width - left - 10) / names.length, 90);
@@ -115,13 +117,14 @@ export const flowPicture = {
     context.fillStyle = hatch(context);
     context.fillRect(left, top + 38 * names.length + 4, 20, 12);
     text(context, FEW, left + 28, top + 38 * names.length + 10, 11, QUIET, "left");
+    text(context, note, 0, top + 38 * names.length + 10 + NOTE, 11, QUIET, "left");
   },
 };
 
 // People over time, a line per zone: {t, step, series: [{name, people}], timeZone}. A gap: nothing is known.
 export const occupancyPicture = {
-  height: (_, { series }) => 290 + 18 * Math.ceil(series.length / 3),
-  draw(context, width, { t, step, series, timeZone }) {
+  height: (_, { series, note }) => 290 + 18 * Math.ceil(series.length / 3) + (note ? NOTE : 0),
+  draw(context, width, { t, step, series, timeZone, note }) {
     const [left, top, bottom] = [44, 14, 250];
     const right = width - 14;
     const most = Math.max(...series.flatMap(({ people }) => people.map((value) => value ?? 0)), 1);
@@ -165,6 +168,7 @@ export const occupancyPicture = {
       context.setLineDash([]);
       text(context, shortened(context, name, (right - left) / 3 - 40, 12), lx + 28, ly, 12, INK, "left");
     });
+    text(context, note, left, this.height(width, { series, note }) - 12, 11, QUIET, "left");
   },
 };
 

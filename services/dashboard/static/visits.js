@@ -8,7 +8,7 @@ import { dwellPicture, flowPicture, heatPicture, occupancyPicture } from "./visi
 
 const FEW = "fewer than 5 people";
 const BRIGHTEST = 0.98; // share of cells that are not the very brightest: one guard's chair must not darken the hall
-const MOST_LINES = 12;
+const MOST = { lines: 12, bars: 30, ways: 12 }; // in a picture: of more nobody sees anything; tables and numbers have all
 const MOST_VALUES = 50000; // of one question about occupancy, zones times steps: the API refuses more
 const STEPS = [300, 1800, 3600, 7200, 10800, 21600, 43200, 86400]; // seconds; each divides a day
 const MOST_ROWS = 100; // of a table, until somebody wants all
@@ -48,51 +48,74 @@ const CARDS = {
       return { ...(await ask("occupancy", { query: { ...period, step } })), step };
     },
     read({ t, places, step }) {
-      const series = places.map(({ id, people, most }) => ({ id, name: nameOf(id), people, most }))
-        .filter(({ people }) => people.some((value) => value !== null)).slice(0, MOST_LINES);
-      return series.length === 0 || t.length === 0 ? null : { t, step, series, timeZone };
+      const all = places.map(({ id, people, most }) => ({ id, name: nameOf(id), people, most }))
+        .filter(({ people }) => people.some((value) => value !== null));
+      if (all.length === 0 || t.length === 0) return null;
+      const series = foremost(all, MOST.lines, ({ people }) => people.reduce((sum, value) => sum + (value ?? 0), 0));
+      return { t, step, timeZone, all, series, note: noted("fullest", series, all) };
     },
     picture: occupancyPicture,
     say: ({ series }) => `People over time: ${series.map(({ name, people }) => `${name} up to ${Math.max(...people.map((v) => v ?? 0)).toFixed(0)}`).join(", ")}.`,
-    table: ({ series }) => [["Zone", "In the mean", "At most"], series.map(({ name, people, most }) => {
+    table: ({ all }) => [["Zone", "In the mean", "At most"], all.map(({ name, people, most }) => {
       const known = people.filter((value) => value !== null);
       const peak = Math.max(...(most ?? people).map((value) => value ?? 0));
       return [name, (known.reduce((sum, value) => sum + value, 0) / known.length).toFixed(1), peak.toFixed(0)];
     })],
-    rows: ({ t, series }) => [["begins", "zone", "mean_people", "most_people"], t.flatMap((when, i) => series.map(({ id, people, most }) => (
+    rows: ({ t, all }) => [["begins", "zone", "mean_people", "most_people"], t.flatMap((when, i) => all.map(({ id, people, most }) => (
       [new Date(1000 * when).toISOString(), id, people[i], most?.[i] ?? null]
     )))],
   },
   dwell: {
     ask: (period) => ask("dwell", { query: { ...period, at: page["visits-at"].value } }),
     read({ places }) {
-      const rows = places.map((row) => ({ ...row, name: nameOf(row.id) }));
-      return rows.length === 0 ? null : { rows };
+      const all = places.map((row) => ({ ...row, name: nameOf(row.id) }));
+      const rows = foremost(all, MOST.bars, ({ visits }) => visits ?? 0);
+      return all.length === 0 ? null : { all, rows, note: noted("most visited", rows, all) };
     },
     picture: dwellPicture,
     say: ({ rows }) => `Stays: ${rows.map(({ name, median }) => `${name} ${median === null ? FEW : duration(median)}`).join(", ")}.`,
-    table: ({ rows }) => [["Place", "People", "Visits", "Mean", "Median", "9 in 10 less than"], rows.map((row) => (
+    table: ({ all }) => [["Place", "People", "Visits", "Mean", "Median", "9 in 10 less than"], all.map((row) => (
       row.median === null ? [row.name, FEW, "", "", "", ""]
         : [row.name, row.people, row.visits, duration(row.mean), duration(row.median), duration(row.p90)]
     ))],
-    rows: ({ rows }) => [["place", "people", "visits", "mean_s", "median_s", "p90_s"],
-      rows.map((row) => [row.id, row.people, row.visits, row.mean, row.median, row.p90])],
+    rows: ({ all }) => [["place", "people", "visits", "mean_s", "median_s", "p90_s"],
+      all.map((row) => [row.id, row.people, row.visits, row.mean, row.median, row.p90])],
   },
   flows: {
     ask: (period) => ask("flows", { query: { ...period, at: page["visits-at"].value } }),
-    read: ({ zones, counts }) => (zones.length === 0 ? null : { zones, names: zones.map(nameOf), counts }),
+    read(all) {
+      const { zones, counts } = all;
+      if (zones.length === 0) return null;
+      const ways = zones.map((_, k) => counts.reduce((sum, row, j) => sum + (j === k ? 0 : (row[k] ?? 0) + (counts[k][j] ?? 0)), 0));
+      const drawn = foremost([...zones.keys()], MOST.ways, (k) => ways[k]);
+      return {
+        all, names: drawn.map((k) => nameOf(zones[k])), counts: drawn.map((j) => drawn.map((i) => counts[j][i])),
+        note: noted("most walked", drawn, zones),
+      };
+    },
     picture: flowPicture,
-    say: ({ names, counts }) => {
+    say: ({ all: { zones, counts } }) => {
       const best = { value: 0, words: "too few to tell" };
       counts.forEach((row, j) => row.forEach((value, i) => {
-        if (i !== j && value > best.value) Object.assign(best, { value, words: `from ${names[j]} to ${names[i]}, ${value} times` });
+        if (i !== j && value > best.value) Object.assign(best, { value, words: `from ${nameOf(zones[j])} to ${nameOf(zones[i])}, ${value} times` });
       }));
       return `Ways: most often ${best.words}.`;
     },
     table: null,
-    rows: ({ zones, counts }) => [["from", "to", "people"], counts.flatMap((row, j) => row.map((value, i) => [zones[j], zones[i], value]))],
+    rows: ({ all: { zones, counts } }) => [["from", "to", "people"], counts.flatMap((row, j) => row.map((value, i) => [zones[j], zones[i], value]))],
   },
 };
+
+// Those of `all` with the most by `worth`, in the order they had.
+function foremost(all, most, worth) {
+  if (all.length <= most) return all;
+  const places = [...all.keys()].sort((a, b) => worth(all[b]) - worth(all[a]) || a - b).slice(0, most);
+  return places.sort((a, b) => a - b).map((place) => all[place]);
+}
+
+function noted(how, drawn, all) {
+  return drawn.length === all.length ? "" : `The ${drawn.length} ${how} of ${all.length}; the numbers that can be saved are of all.`;
+}
 
 function nameOf(id) {
   return state.names.get(id) ?? id;
@@ -125,6 +148,8 @@ async function refresh() {
   const turn = ++state.turn;
   const now = period();
   const told = page["visits-told"];
+  const names = Object.keys(CARDS);
+  for (const name of names) asking(name, now !== null && now.until > now.since);
   if (now === null || now.until <= now.since) {
     told.textContent = "Choose a beginning and a later end.";
     return;
@@ -133,7 +158,7 @@ async function refresh() {
   try {
     if (state.site === null) await begin();
   } catch (refusal) {
-    for (const name of Object.keys(CARDS)) nothing(name, refusal.message);
+    for (const name of names) nothing(name, refusal.message);
     setTimeout(() => turn === state.turn && refresh(), 5000);
     return;
   }
@@ -170,7 +195,13 @@ function none(refusal) {
   throw refusal;
 }
 
+// Until the answer comes a card shows what it showed before: it pales, and says that it is about to change.
+function asking(name, now) {
+  document.getElementById(`${name}-picture`).closest("section").setAttribute("aria-busy", String(now));
+}
+
 function nothing(name, why) {
+  asking(name, false);
   delete state.shown[name];
   const problem = document.getElementById(`${name}-problem`);
   problem.textContent = why;
@@ -181,6 +212,7 @@ function nothing(name, why) {
 }
 
 function draw(name, data, when) {
+  asking(name, false);
   state.shown[name] = { data, when };
   document.getElementById(`${name}-problem`).hidden = true;
   const canvas = document.getElementById(`${name}-picture`);

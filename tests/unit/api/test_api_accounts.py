@@ -77,7 +77,7 @@ def test_a_key_is_told_once_opens_what_it_names_and_outlives_a_restart_but_not_i
 def test_an_expired_key_opens_nothing_and_says_why(here: Api) -> None:
     secret = issue(here, expires=time.time() + 1.5)["key"]
     assert here.client.get("/v1/positions", headers=bearer(secret)).status_code == 200
-    wait_until(lambda: here.client.get("/v1/positions", headers=bearer(secret)).status_code == 401, 5.0, "its end")
+    wait_until(lambda: here.client.get("/v1/positions", headers=bearer(secret)).status_code == 401, 20.0, "its end")
     assert here.client.get("/v1/positions", headers=bearer(secret)).json()["found"] == "a key that has expired"
 
 

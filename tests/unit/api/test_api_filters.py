@@ -60,7 +60,7 @@ def tracks(here: Api, query: str) -> list[int]:
 )
 def test_filters_keep_what_matches(here: Api, query: str, named: list[str], everybody: list[int]) -> None:
     here.people(*PEOPLE, quality=QUALITY, probability=[0.99, 0.6, 0.9, 0.8, 0.9])
-    wait_until(lambda: here.live.positions(time.time())[0].age > 0.0, 5.0, "a moment to pass")
+    wait_until(lambda: here.live.positions(time.time())[0].age > 0.0, 20.0, "a moment to pass")
     assert devices(here, query) == named
     if "cursor" not in query:
         assert tracks(here, query) == everybody

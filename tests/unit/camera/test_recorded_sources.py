@@ -157,7 +157,7 @@ def test_a_file_cut_off_in_the_middle_plays_its_beginning_and_is_then_called_dam
     frames = VideoFile(cut, pace="fast").frames(threading.Event())
     assert next(frames).seq == 0
     with pytest.raises(SourceError, match="damaged: it ends after") as error:
-        wait_until(lambda: next(frames) is None, 5.0, "the damage")
+        wait_until(lambda: next(frames) is None, 20.0, "the damage")
     assert not error.value.retry
 
 

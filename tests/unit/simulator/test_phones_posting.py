@@ -157,12 +157,12 @@ def test_nothing_is_lost_while_the_gateway_is_busy(server: Server, free_port: in
         wait_until(lambda: len(server.batches) >= 2, 15, "two batches")
         server.refuse_with = 503
         wait_until(lambda: server.refused >= 2, 15, "a refused batch, tried again")
-        wait_until(lambda: reports and reports[-1] is not None, 5, "the report")
+        wait_until(lambda: reports and reports[-1] is not None, 20, "the report")
         assert "busy: 503" in str(reports[-1])
         held = len(server.batches)
         server.refuse_with = None
         wait_until(lambda: len(server.batches) >= held + 3, 15, "what waited")
-        wait_until(lambda: reports[-1] is None, 5, "the all-clear")
+        wait_until(lambda: reports[-1] is None, 20, "the all-clear")
     seqs = [body["seq"] for _, _, body in server.batches]
     assert seqs == list(range(len(seqs)))
     stamps = np.concatenate([body["imu"]["t"] for _, _, body in server.batches])
@@ -215,10 +215,10 @@ def test_phones_outlive_answers_that_are_none(
         for batch in batches:
             phones.post(batch)
         wait_until(lambda: server.refused >= 2, 15, "two tries")
-        wait_until(lambda: reports and reports[-1] is not None, 5, "the report")
+        wait_until(lambda: reports and reports[-1] is not None, 20, "the report")
         server.nonsense = None
         wait_until(lambda: len(server.batches) == 2, 15, "the batches")
-        wait_until(lambda: reports[-1] is None, 5, "the all-clear")
+        wait_until(lambda: reports[-1] is None, 20, "the all-clear")
     finally:
         phones.stop()
     assert [body["seq"] for _, _, body in server.batches] == [0, 1]
@@ -242,7 +242,7 @@ def test_a_mistake_that_ends_the_phones_is_reported_and_the_world_goes_on(
         wait_until(lambda: reports and reports[-1] is not None, 15, "the report")
         assert "emulated phones have ended" in str(reports[-1])
         assert "a bug" in str(reports[-1])
-        wait_until(phones._loop.is_closed, 5, "the end of the thread")
+        wait_until(phones._loop.is_closed, 20, "the end of the thread")
         phones.post(batches[1])  # and raises nothing
         phones.follow(time.time())
     finally:
