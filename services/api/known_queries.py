@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any, get_args, get_origin
 
 from fastapi.dependencies.models import Dependant
 from starlette.requests import HTTPConnection
@@ -13,20 +14,26 @@ __all__ = ["only_known_queries"]
 
 
 async def only_known_queries(connection: HTTPConnection) -> None:
-    """Let a request of any route pass whose query holds only parameters that the route declares.
+    """Let a request of any route pass whose query holds what the route declares and nothing else, or twice.
 
     Raises:
-        ProblemError: one means nothing there; it is named, and so are those that do.
+        ProblemError: one means nothing there; it is named, and so are those that do. Or one of which the route takes a
+            single value has two: whichever were taken, the other would be ignored.
     """
     if not connection.scope["query_string"]:
         return
-    allowed = list(_declared(connection.scope["route"].dependant))
+    allowed = dict(_declared(connection.scope["route"].dependant))
     for name in connection.query_params:
         if name not in allowed:
             raise invalid(name[:64], "a parameter that means nothing here", ", ".join(allowed) or "none")
+        if not allowed[name] and len(connection.query_params.getlist(name)) > 1:
+            raise invalid(name, "given more than once", "one value")
 
 
-def _declared(route: Dependant) -> Iterator[str]:
-    yield from (parameter.alias for parameter in route.query_params)
+def _declared(route: Dependant) -> Iterator[tuple[str, bool]]:
+    """Yield the parameters of a route and whether each takes several values."""
+    for parameter in route.query_params:
+        kind: Any = parameter.field_info.annotation
+        yield parameter.alias, list in {get_origin(part) for part in (kind, *get_args(kind))}
     for part in route.dependencies:
         yield from _declared(part)

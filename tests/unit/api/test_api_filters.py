@@ -202,6 +202,22 @@ def test_no_route_passes_over_a_parameter_it_does_not_know(here: Api) -> None:
     assert refused.value.status_code == 422
 
 
+def test_what_takes_one_value_is_not_given_two(here: Api) -> None:
+    paths = here.client.get("/openapi.json").json()["paths"]
+    lists = []
+    for path, operations in paths.items():
+        for method, operation in operations.items():
+            for query in (one for one in operation.get("parameters", []) if one["in"] == "query"):
+                twice = [(query["name"], "1"), (query["name"], "2")]
+                told = here.client.request(method, re.sub(r"{\w+}", "hall", path), params=twice)
+                refused = told.status_code == 422 and told.json()["detail"].endswith(
+                    "more than once; allowed: one value"
+                )
+                assert refused != ("array" in str(query["schema"])), (method, path, query["name"])
+                lists += [query["name"]] * (not refused)
+    assert set(lists) == {"zone", "area", "camera"}
+
+
 @pytest.mark.parametrize(
     ("text", "seconds"),
     [
