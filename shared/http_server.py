@@ -43,6 +43,7 @@ def serve(
     proxies: Sequence[str] = (),
     keep_alive: int = 5,
     connections: int | None = None,
+    head_within: float = 10.0,
     stalled_after: float | None = None,
 ) -> None:
     """Serve ``app`` with uvicorn until ``stopping`` is set, then give open requests two seconds to end.
@@ -57,6 +58,8 @@ def serve(
         proxies: addresses or networks whose ``X-Forwarded-For`` and ``X-Forwarded-Proto`` are believed.
         keep_alive: seconds after which an idle connection is closed.
         connections: open at once; more are answered 503.
+        head_within: seconds from the beginning of a connection, or of a later request on it, in which the request's
+            head must be there; else the connection is closed: who sends half of it would keep the place of another.
         stalled_after: for applications that stream: seconds after which the system cuts a connection whose other end
             takes nothing of what waits for it (Linux; ``timed_out`` tells). What waits there is then bounded, so that
             an application that has much to say notices before, and WebSockets are sent uncompressed, so that what
@@ -82,7 +85,7 @@ def serve(
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(stalled_after * 1000.0))
     config = uvicorn.Config(
         app,
-        http=_telling(AutoHTTPProtocol),
+        http=_punctual(_telling(AutoHTTPProtocol), head_within),
         ws=_telling(AutoWebSocketsProtocol),
         log_config=None,
         access_log=False,
@@ -129,6 +132,36 @@ def _telling(protocol: Any) -> Any:
             super().connection_lost(exc)
 
     return Telling
+
+
+def _punctual(protocol: Any, head_within: float) -> Any:
+    """Return an HTTP protocol of uvicorn that closes a connection whose next request does not get to its body.
+
+    Uvicorn's own timer runs between the end of an answer and the first byte of the next request.
+    """
+
+    class Punctual(protocol):  # type: ignore[misc]
+        _head_by: float | None = None
+
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            self._await_head()
+
+        def data_received(self, data: bytes) -> None:
+            super().data_received(data)
+            if self.cycle is None or self.cycle.response_complete:
+                self._await_head()
+            else:
+                self._head_by = None
+
+        def _await_head(self) -> None:
+            if self.transport.is_closing() or self.transport.get_protocol() is not self:
+                return
+            if self._head_by is None:
+                self._head_by = self.loop.time() + head_within
+            self.timeout_keep_alive_task = self.loop.call_at(self._head_by, self.timeout_keep_alive_handler)
+
+    return Punctual
 
 
 def _check(tls: Tls) -> None:

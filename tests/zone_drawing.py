@@ -8,7 +8,6 @@ from waiting import wait_until
 
 
 def open_zones(url: str, browser: WebDriver) -> None:
-    browser.get("about:blank")
     browser.get(f"{url}/zones")
     wait_until(lambda: browser.execute_script("return Boolean(window.atriumZones?.ready)"), 20, "the plan")
 
