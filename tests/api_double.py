@@ -266,6 +266,9 @@ def _app(double: Double, stopping: threading.Event) -> FastAPI:
         people = [None if n % 7 == 3 else 8.0 + 6.0 * math.sin(n / 3.0) for n in range(len(t))]
         most = [None if value is None else round(value) + 3 for value in people]
         places = [{"id": name, "people": people, "most": most, "phones": people} for name in double.zones]
+        for place in places:
+            if place["id"] == "z1999":
+                place["people"] = [value and value + 1.0 for value in people]
         return _json({"time_zone": "UTC", "t": t, "places": places})
 
     def erasure(device: str, *waiting: str) -> dict[str, Any]:

@@ -57,22 +57,17 @@ class Button:
         self._act(lambda found: found.send_keys(*keys))
 
     def is_enabled(self) -> bool:
-        enabled: list[bool] = []
-        self._act(lambda found: enabled.append(found.is_enabled()))
-        return enabled[0]
+        return bool(self._act(lambda found: found.is_enabled()))
 
-    def _act(self, act: Callable[[Any], object]) -> None:
-        def acted() -> bool:
+    def _act(self, act: Callable[[Any], Any]) -> Any:
+        def acted() -> list[Any]:
             found = self.browser.execute_script(_BUTTON, self.text)
-            if found is None:
-                return False
             try:
-                act(found)
+                return [] if found is None else [act(found)]
             except _NOT_YET:
-                return False
-            return True
+                return []
 
-        wait_until(acted, 20, f"the button {self.text}")
+        return wait_until(acted, 20, f"the button {self.text}")[0]
 
 
 _NOT_YET = (StaleElementReferenceException, ElementNotInteractableException, ElementClickInterceptedException)

@@ -14,11 +14,11 @@ __all__ = ["only_known_queries"]
 
 
 async def only_known_queries(connection: HTTPConnection) -> None:
-    """Let a request of any route pass whose query holds what the route declares and nothing else, or twice.
+    """Let a request of any route pass whose query holds only what the route declares, single values once.
 
     Raises:
-        ProblemError: one means nothing there; it is named, and so are those that do. Or one of which the route takes a
-            single value has two: whichever were taken, the other would be ignored.
+        ProblemError: a parameter means nothing there; it is named, and so are those that do. Or one of which the route
+            takes a single value has two: whichever were taken, the other would be ignored.
     """
     if not connection.scope["query_string"]:
         return
@@ -26,14 +26,17 @@ async def only_known_queries(connection: HTTPConnection) -> None:
     for name in connection.query_params:
         if name not in allowed:
             raise invalid(name[:64], "a parameter that means nothing here", ", ".join(allowed) or "none")
-        if not allowed[name] and len(connection.query_params.getlist(name)) > 1:
+        if len(connection.query_params.getlist(name)) > 1 and not _takes_several(allowed[name]):
             raise invalid(name, "given more than once", "one value")
 
 
-def _declared(route: Dependant) -> Iterator[tuple[str, bool]]:
-    """Yield the parameters of a route and whether each takes several values."""
+def _declared(route: Dependant) -> Iterator[tuple[str, Any]]:
+    """Yield name and type of every parameter."""
     for parameter in route.query_params:
-        kind: Any = parameter.field_info.annotation
-        yield parameter.alias, list in {get_origin(part) for part in (kind, *get_args(kind))}
+        yield parameter.alias, parameter.field_info.annotation
     for part in route.dependencies:
         yield from _declared(part)
+
+
+def _takes_several(kind: Any) -> bool:
+    return list in {get_origin(part) for part in (kind, *get_args(kind))}

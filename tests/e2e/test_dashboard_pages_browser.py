@@ -486,6 +486,12 @@ def test_many_zones_are_asked_in_longer_steps_and_listed_when_wished(
         (tmp_path / "many.png").write_bytes(_whole_page(browser))
         high = "return document.querySelector(arguments[0]).clientHeight"
         assert max(browser.execute_script(high, f"#{name}-picture") for name in ("occupancy", "dwell", "flows")) < 1200
+        told = str(browser.find_element(By.ID, "occupancy-picture").get_attribute("aria-label"))
+        assert told.count(" up to ") == 12
+        assert "z1999" in told  # the fullest, not the first
+        browser.find_element(By.ID, "occupancy-csv").click()
+        lines = _file(downloads, "occupancy-*.csv").read_text().splitlines()[1:]
+        assert len({line.split(",")[1] for line in lines}) == len(double.zones)
         browser.find_element(By.ID, "dwell-csv").click()
         assert len(_file(downloads, "dwell-*.csv").read_text().splitlines()) == 1 + 150
         browser.find_element(By.ID, "flows-csv").click()

@@ -156,25 +156,9 @@ def test_only_a_named_proxy_is_believed_whom_it_speaks_for() -> None:
         (("127.0.0.0/8",), "10.1.1.1 https"),
         (("10.0.0.9",), "127.0.0.1 http"),
     ):
-        port, stopping = unused_port(), threading.Event()
-        server = threading.Thread(
-            target=serve, args=(app, "127.0.0.1", port, stopping), kwargs={"proxies": proxies}, daemon=True
-        )
-        server.start()
-
-        def answer(port: int = port) -> str | None:
+        with serving(app, proxies=proxies) as port:
             connection = HTTPConnection("127.0.0.1", port, timeout=10)
             headers = {"X-Forwarded-For": "6.6.6.6, 10.1.1.1", "X-Forwarded-Proto": "https"}
-            try:
-                connection.request("GET", "/", headers=headers)
-                return connection.getresponse().read().decode()
-            except OSError:
-                return None
-            finally:
-                connection.close()
-
-        try:
-            assert wait_until(answer, 10.0, "an answer") == f'"{told}"'
-        finally:
-            stopping.set()
-            server.join()
+            connection.request("GET", "/", headers=headers)
+            assert connection.getresponse().read().decode() == f'"{told}"'
+            connection.close()

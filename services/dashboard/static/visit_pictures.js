@@ -1,5 +1,5 @@
 // The pictures of the visits page. Each is drawn by (context, width, data) and tells how high it is; so the one on the
-// page and the one that is saved are the same. A `note` of the data, which says what is left out, is its last line.
+// page and the one that is saved are the same.
 
 import { colourOf, hatch, isDark, strokeOf } from "./colour_scale.js";
 import { duration } from "./dom.js";
@@ -54,10 +54,21 @@ function legend(context, width, y, most) {
   text(context, FEW, x + 28, at + 6, 11, QUIET, "left");
 }
 
+// The same picture and below it the `note` of its data, if there is one: what is left out.
+function withNote(picture) {
+  return {
+    height: (width, data) => picture.height(width, data) + (data.note ? NOTE : 0),
+    draw(context, width, data) {
+      picture.draw(context, width, data);
+      text(context, data.note, 0, picture.height(width, data) + NOTE / 2, 11, QUIET, "left");
+    },
+  };
+}
+
 // Stays by zone, a bar to the median and a line to where nine in ten have left: {rows: [{name, median, p90, …}]}.
-export const dwellPicture = {
-  height: (_, { rows, note }) => 34 + 34 * rows.length + (note ? NOTE : 0),
-  draw(context, width, { rows, note }) {
+export const dwellPicture = withNote({
+  height: (_, { rows }) => 34 + 34 * rows.length,
+  draw(context, width, { rows }) {
     const left = Math.min(150, width * 0.34);
     const most = Math.max(...rows.map((row) => row.p90 ?? row.median ?? 0), 1);
     const long = (seconds) => ((width - left - 90) * seconds) / most;
@@ -83,14 +94,13 @@ export const dwellPicture = {
       text(context, `${duration(row.median)} – ${duration(row.p90)}`, left + long(row.p90) + 6, y, 11, QUIET, "left");
     });
     text(context, "bar: half have left; mark: nine in ten have", 0, 24 + 34 * rows.length, 11, QUIET, "left");
-    text(context, note, 0, 24 + 34 * rows.length + NOTE, 11, QUIET, "left");
   },
-};
+});
 
 // A matrix of ways from zone to zone: {names, counts}.
-export const flowPicture = {
-  height: (_, { names, note }) => 130 + 38 * names.length + (note ? NOTE : 0),
-  draw(context, width, { names, counts, note }) {
+export const flowPicture = withNote({
+  height: (_, { names }) => 130 + 38 * names.length,
+  draw(context, width, { names, counts }) {
     const left = Math.min(140, width * 0.32);
     const top = 104;
     const side = Math.min((width - left - 10) / names.length, 90);
@@ -117,14 +127,13 @@ export const flowPicture = {
     context.fillStyle = hatch(context);
     context.fillRect(left, top + 38 * names.length + 4, 20, 12);
     text(context, FEW, left + 28, top + 38 * names.length + 10, 11, QUIET, "left");
-    text(context, note, 0, top + 38 * names.length + 10 + NOTE, 11, QUIET, "left");
   },
-};
+});
 
 // People over time, a line per zone: {t, step, series: [{name, people}], timeZone}. A gap: nothing is known.
-export const occupancyPicture = {
-  height: (_, { series, note }) => 290 + 18 * Math.ceil(series.length / 3) + (note ? NOTE : 0),
-  draw(context, width, { t, step, series, timeZone, note }) {
+export const occupancyPicture = withNote({
+  height: (_, { series }) => 290 + 18 * Math.ceil(series.length / 3),
+  draw(context, width, { t, step, series, timeZone }) {
     const [left, top, bottom] = [44, 14, 250];
     const right = width - 14;
     const most = Math.max(...series.flatMap(({ people }) => people.map((value) => value ?? 0)), 1);
@@ -168,9 +177,8 @@ export const occupancyPicture = {
       context.setLineDash([]);
       text(context, shortened(context, name, (right - left) / 3 - 40, 12), lx + 28, ly, 12, INK, "left");
     });
-    text(context, note, left, this.height(width, { series, note }) - 12, 11, QUIET, "left");
   },
-};
+});
 
 function niceStep(least) {
   const power = 10 ** Math.floor(Math.log10(Math.max(least, 0.1)));

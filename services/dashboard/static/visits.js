@@ -149,8 +149,9 @@ async function refresh() {
   const now = period();
   const told = page["visits-told"];
   const names = Object.keys(CARDS);
-  for (const name of names) asking(name, now !== null && now.until > now.since);
-  if (now === null || now.until <= now.since) {
+  const chosen = now !== null && now.until > now.since;
+  for (const name of names) asking(name, chosen);
+  if (!chosen) {
     told.textContent = "Choose a beginning and a later end.";
     return;
   }
